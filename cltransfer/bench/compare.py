@@ -18,7 +18,6 @@ class Comparison:
         baseline, ours: mean with its interval.
         difference: ours minus the baseline's, clip by clip; below 0 is in our favour where lower is better.
         wins: share of clips on which ours is lower.
-        p: two-sided Wilcoxon signed-rank test; NaN of fewer than one clip.
         p_holm: after Holm's correction over the metrics that are tested together; NaN where none was asked for.
     """
 
@@ -28,8 +27,12 @@ class Comparison:
     ours: Estimate
     difference: Estimate
     wins: float
-    p: float
     p_holm: float = math.nan
+
+    @property
+    def p(self) -> float:
+        """Of the difference by Wilcoxon's two-sided signed-rank test, NaN of fewer than one clip."""
+        return math.nan if self.difference.p is None else self.difference.p
 
 
 def compared(name: str, unit: str, baseline: Sequence[float], ours: Sequence[float]) -> Comparison:
@@ -38,9 +41,7 @@ def compared(name: str, unit: str, baseline: Sequence[float], ours: Sequence[flo
     first, second = [a for a, _ in pairs], [b for _, b in pairs]
     differences = [change(b, a) for a, b in pairs]
     wins = sum(d < 0 for d in differences) / len(pairs) if pairs else math.nan
-    difference = estimate(differences)
-    p = math.nan if difference.p is None else difference.p
-    return Comparison(name, unit, estimate(first), estimate(second), difference, wins, p)
+    return Comparison(name, unit, estimate(first), estimate(second), estimate(differences), wins)
 
 
 def holm(p: Sequence[float]) -> list[float]:

@@ -10,9 +10,8 @@ import torch
 from ..renderers.nerf_grid import NerfGridRenderer
 from ..scenes.nerf_grid import NerfGrid
 from .synthetic_room import ROOM, synthetic_room
-from .timing import GEOMETRY, SIZES, Posed, SpeedBench, SpeedRow, at_size, room
+from .timing import SIZES, Posed, SpeedBench, SpeedRow, at_size, one_and_two_threads, room
 
-ALL = NerfGridRenderer.provides
 THICKNESS = 3.0  # optical, of a voxel that holds a surface
 
 
@@ -36,11 +35,7 @@ BENCH = SpeedBench(
     accuracy=lambda one, other: float((one - other).abs().mean()),
     worst=max,
     compared=("mean RGB difference", "{:.0e}"),
-    settings=[
-        ("all", ALL, {"threads": 1}),
-        ("depth + label", GEOMETRY, {"threads": 1}),
-        ("all", ALL, {"threads": 2}),
-    ],
+    settings=one_and_two_threads(NerfGridRenderer.provides),
 )
 
 

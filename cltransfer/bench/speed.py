@@ -19,7 +19,19 @@ from ..scenes import Scene
 from ..scenes.load import load_scene
 from .section import quartiles
 from .synthetic_room import synthetic_room
-from .timing import FRAMES, GEOMETRY, SIZES, Posed, SpeedBench, SpeedRow, around, at_size, call_time, room
+from .timing import (
+    FRAMES,
+    GEOMETRY,
+    SIZES,
+    Posed,
+    SpeedBench,
+    SpeedRow,
+    around,
+    at_size,
+    call_time,
+    one_and_two_threads,
+    room,
+)
 
 ALL = GaussianSplats.provides
 
@@ -63,11 +75,7 @@ BENCH = SpeedBench(
     accuracy=lambda one, other: -10 * float(((one - other) ** 2).mean().log10()),
     worst=min,
     compared=("PSNR", "{:.0f} dB"),
-    settings=[
-        ("all", ALL, {"threads": 1}),
-        ("depth + label", GEOMETRY, {"threads": 1}),
-        ("all", ALL, {"threads": 2}),
-    ],
+    settings=one_and_two_threads(ALL),
 )
 
 

@@ -23,6 +23,7 @@ GEOMETRY = frozenset({"depth", "label"})
 FRAMES = 4  # cameras a call
 SIZES = ((160, 90), (320, 180), (640, 360))
 Posed = tuple[Scene, Camera]
+Settings = Sequence[tuple[str, frozenset[str], Mapping[str, int]]]
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class SpeedBench:
     accuracy: Callable[[Tensor, Tensor], float]
     worst: Callable[[Sequence[float]], float]
     compared: tuple[str, str]
-    settings: Sequence[tuple[str, frozenset[str], Mapping[str, int]]]
+    settings: Settings
 
     def row(self, posed: Posed, setting: str, threads: int, times: Sequence[float]) -> SpeedRow:
         """Quartiles of a scene's times, and what it consists of."""
@@ -130,6 +131,11 @@ def room(geometry: Any, name: str, seed: int) -> Posed:
     """A synthetic room, z up, and the cameras of a search in it, at the smallest of ``SIZES``."""
     scene = Scene(geometry, None, torch.tensor([0.0, 0.0, 1.0]), name, f"{name}:{seed}")
     return scene, room_cameras(FRAMES, SIZES[0], seed)
+
+
+def one_and_two_threads(every: frozenset[str]) -> Settings:
+    """Of kernels: ``every`` buffer and geometry on one thread, and every one on two."""
+    return [("all", every, {"threads": 1}), ("depth + label", GEOMETRY, {"threads": 1}), ("all", every, {"threads": 2})]
 
 
 def around(up: Tensor, middle: Tensor, offsets: tuple[float, float], reach: Any, count: int) -> Camera:
