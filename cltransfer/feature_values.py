@@ -31,6 +31,11 @@ def odd_values(features: Features, names: Iterable[str]) -> tuple[str, str, str]
     return None
 
 
+def same_values(one: Tensor, other: Tensor) -> bool:
+    """Whether both are of one shape and have the same values, NaN where both are."""
+    return one.shape == other.shape and bool(((one == other) | ((one != one) & (other != other))).all())
+
+
 _Told = tuple[str, str] | None  # what was expected and what came, and what to do
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from cltransfer.feature_values import odd_values
+from cltransfer.feature_values import odd_values, same_values
 from cltransfer.features import Features
 from cltransfer.testing import sample_features, without_person
 
@@ -105,3 +105,11 @@ def test_a_peak_that_goes_beyond_one_is_a_confidence() -> None:
         odd = odd_values(replace(SAMPLE, keypoints=peaks), names)
         assert odd is not None
         assert odd[2] == "clip to [0, 1], or divide percentages by 100"
+
+
+def test_values_are_the_same_with_what_is_undefined_in_the_same_places() -> None:
+    some = torch.tensor([[1.0, math.nan]])
+    assert same_values(some, some.clone())
+    for other in (torch.tensor([[1.0, 2.0]]), torch.tensor([[math.nan, 1.0]]), torch.tensor([1.0, math.nan])):
+        assert not same_values(some, other)
+        assert not same_values(other, some)

@@ -7,9 +7,8 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
-from torch import Tensor
-
 from ..camera import Camera
+from ..feature_values import same_values
 from ..features import Features
 from .view import View
 
@@ -106,11 +105,7 @@ def _alike(a: Features, b: Features) -> bool:
     names = a.names()
     if names != b.names() or a.size != b.size or a.reasons != b.reasons or a.person is not b.person:
         return False
-    return all(_equal(a.require(name), b.require(name)) for name in names - {"camera", "person"})
-
-
-def _equal(a: Tensor, b: Tensor) -> bool:
-    return a.shape == b.shape and bool(((a == b) | ((a != a) & (b != b))).all())  # NaN where both are
+    return all(same_values(a.require(name), b.require(name)) for name in names - {"camera", "person"})
 
 
 def moving(cameras: Camera) -> int:

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from ..camera import Camera
 from ..errors import ModelError
-from ..feature_values import odd_values
+from ..feature_values import odd_values, same_values
 from ..features import Features
 from ..subject import Subject
 
@@ -64,10 +64,9 @@ def _alike(one: Any, other: Any) -> bool:
         return one.size == other.size and _alike(one.w2c, other.w2c) and _alike(one.K, other.K)
     if isinstance(one, Subject) and isinstance(other, Subject):
         return one.to_json() == other.to_json()
-    if not (isinstance(one, Tensor) and isinstance(other, Tensor)) or one.shape != other.shape:
+    if not (isinstance(one, Tensor) and isinstance(other, Tensor)):
         return False
-    one = one.to(other.device)
-    return bool(((one == other) | ((one != one) & (other != other))).all())
+    return same_values(one.to(other.device), other)
 
 
 def _by(size: tuple[int, int]) -> str:
