@@ -24,7 +24,7 @@ from .scenes.ply import write_splats
 from .scenes.posed import named_camera, read_posed
 from .scenes.simplify import importance, merged, subset, weighing_views
 from .scenes.splats import Splats
-from .storage.files import check_out_file, read_json
+from .storage.files import check_out_file, read_json, same_file
 from .storage.run_files import SUBJECT, is_run
 from .subject import Subject
 from .trajectory import FORMAT, Trajectory
@@ -195,7 +195,7 @@ def _refuse_nothing(source: str, count: int) -> None:
 def _refuse_source(out: Path, source: str, parts: Sequence[Path] = ()) -> None:
     """Refuse to write over what was read, the ``source`` and its ``parts``, which is lost then."""
     for read, what in ((Path(source), "the scene itself"), *((part, "a part of the scene") for part in parts)):
-        if out.exists() and read.exists() and out.samefile(read):
+        if out.exists() and same_file(out, read):
             raise UsageError(out, "--out", f"is {what}", "name another one")
 
 

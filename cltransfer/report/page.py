@@ -6,7 +6,6 @@ import base64
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 from markupsafe import Markup
 from torch import Tensor
 
@@ -15,6 +14,7 @@ from ..storage.run_files import REPORT
 from .data import ReportData
 from .figures import lens_curves, term_curves, top_view
 from .metrics import compared, head, number, rows, sums
+from .picture import encoded
 from .strip import evenly, thumbnail
 from .template import rendered
 
@@ -79,7 +79,5 @@ def _data_uri(frame: Tensor) -> str:
     Raises:
         ValueError: the encoder refused it.
     """
-    done, coded = cv2.imencode(".jpg", thumbnail(frame)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
-    if not done:
-        raise ValueError(f"could not encode a frame of {frame.shape[2]}x{frame.shape[1]} px as JPEG")
-    return "data:image/jpeg;base64," + base64.b64encode(coded.tobytes()).decode()
+    coded = encoded(thumbnail(frame), ".jpg", _QUALITY)
+    return "data:image/jpeg;base64," + base64.b64encode(coded).decode()

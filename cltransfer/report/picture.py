@@ -23,9 +23,19 @@ def write_picture(path: Path, picture: NDArray[np.uint8], lasting: bool = True) 
         ValueError: the encoder refused it.
         OSError: it could not be written.
     """
-    options = [cv2.IMWRITE_JPEG_QUALITY, QUALITY] if path.suffix == ".jpg" else []
-    done, coded = cv2.imencode(path.suffix, picture[..., ::-1], options)
-    if not done:
-        raise ValueError(f"could not encode a picture of {picture.shape[1]}x{picture.shape[0]} px as {path.suffix}")
+    coded = encoded(picture, path.suffix)
     with atomic(path, lasting) as temporary:
-        temporary.write_bytes(coded.tobytes())
+        temporary.write_bytes(coded)
+
+
+def encoded(picture: NDArray[np.uint8], suffix: str, quality: int = QUALITY) -> bytes:
+    """RGB (H, W, 3) as what ``suffix`` says; ``quality`` is of a JPEG.
+
+    Raises:
+        ValueError: the encoder refused it.
+    """
+    options = [cv2.IMWRITE_JPEG_QUALITY, quality] if suffix == ".jpg" else []
+    done, coded = cv2.imencode(suffix, picture[..., ::-1], options)
+    if not done:
+        raise ValueError(f"could not encode a picture of {picture.shape[1]}x{picture.shape[0]} px as {suffix}")
+    return coded.tobytes()
