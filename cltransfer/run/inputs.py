@@ -22,7 +22,7 @@ class Inputs:
     Args:
         scene: a scene file, ``builtin:NAME``, or from Python a scene, whose digest stands for it in caches and journal.
         reference: see :func:`cltransfer.reading.reference.read_reference`.
-        init: ``auto``, or see :func:`cltransfer.driver.initial_view.given_view`.
+        init: ``auto``, or see :func:`cltransfer.run.initial.given_view`.
         subject: a subject.json; or which person is lifted, or taken from the cache, 0 for the one that most views see;
             None is that one, and who the scene tells by itself.
         up: the scene's up; None takes the format's usual one, or the scene's own.

@@ -17,7 +17,7 @@ from ..computer.threads import default_count, set_threads
 from ..config.options import RunConfig
 from ..drawing import check_renderer
 from ..driver.guard import READ, Guard
-from ..driver.initial_view import any_view, check_apart, given_view, tell_other_shape, tell_turned_away
+from ..driver.initial_view import any_view
 from ..driver.journal import VIEW, fingerprint
 from ..driver.recent import Recent
 from ..driver.schedule import Schedule, make_schedule
@@ -39,6 +39,7 @@ from ..scenes.floaters import without_floaters
 from ..scenes.person.lifted import lifted_scene
 from ..scenes.simplify import check_merged
 from ..search import check_search
+from .initial import check_apart, given_view, tell_other_shape, tell_turned_away
 from .inputs import Inputs, given_scene
 from .readback import check_result
 from .record import Record, run_header

@@ -15,8 +15,8 @@ import pytest
 from cltransfer.ablate.read import ablations, read_sweep
 from cltransfer.ablate.sources import check_sources
 from cltransfer.config import load_config
-from cltransfer.driver.initial_view import given_view
 from cltransfer.errors import CltransferError, UsageError
+from cltransfer.run.initial import given_view
 from cltransfer.scenes.load import load_scene
 
 Written = Callable[[str], str]
