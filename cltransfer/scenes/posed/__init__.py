@@ -21,7 +21,7 @@ from ...computer.memory import require_free
 from ...errors import InputError, UsageError
 from .lens import Lens, image_at, straighten
 
-VIDEOS = (".mp4", ".mkv", ".mov")
+POSED_VIDEOS = (".mp4", ".mkv", ".mov")
 SIZE_SLACK = 2  # [px], how far an image's shape may be from its camera's: reduced sizes are rounded
 
 
@@ -142,7 +142,7 @@ def first_frame(file: Path, exif: bool) -> Frame:
         InputError: it is missing, damaged, or of a kind that is not read.
     """
     kind = file.suffix.lower()
-    if kind and kind not in (*IMAGE_SUFFIXES, *VIDEOS) and file.is_file():
+    if kind and kind not in (*IMAGE_SUFFIXES, *POSED_VIDEOS) and file.is_file():
         raise InputError(file, "", f"is {kind}, expected PNG or JPEG", "convert the images, and their names in the set")
     return next(decode(file, exif))
 

@@ -18,7 +18,7 @@ from ...clips.decoding import IMAGE_SUFFIXES
 from ...computer.array_type import Array
 from ...computer.memory import require_free
 from ...errors import InputError
-from . import VIDEOS, PosedImages, first_frame
+from . import POSED_VIDEOS, PosedImages, first_frame
 from .lens import Lens, matrix_at
 
 IMAGE_LIMIT = 20_000
@@ -98,7 +98,7 @@ def find_image(root: Path, name: str, where: Path, suffixes: Sequence[str] = IMA
     if name.replace("\\", "/").startswith("//"):  # Windows would ask another computer for it
         raise InputError(where, name[:80], "leads out of the folder of the set", "keep its images beside it")
     plain = root / name
-    known = plain.suffix.lower() in (*IMAGE_SUFFIXES, *VIDEOS)
+    known = plain.suffix.lower() in (*IMAGE_SUFFIXES, *POSED_VIDEOS)
     cased = [cased for suffix in suffixes for cased in (suffix, suffix.upper())]
     last = [plain] if plain.suffix else []
     try:

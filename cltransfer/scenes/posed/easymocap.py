@@ -13,7 +13,7 @@ from ...clips.image_folder import natural_order
 from ...computer.array_type import Array
 from ...errors import InputError
 from ...storage.files import refuse_outside
-from . import VIDEOS, PosedImages
+from . import POSED_VIDEOS, PosedImages
 from .assemble import View, find_image, lens_of, names_in, posed_images, rigid, size_of_image
 from .lens import Lens
 from .opencv_yaml import Values, read_opencv_yaml
@@ -70,7 +70,7 @@ def _matrix(path: Path, values: Values, key: str, shape: tuple[int, int] | None 
 def _file(folder: Path, name: str) -> Path | None:
     """The image or video of a camera."""
     where = folder / "intri.yml"
-    found = find_image(folder, f"images/{name}", where) or find_image(folder, f"videos/{name}", where, VIDEOS)
+    found = find_image(folder, f"images/{name}", where) or find_image(folder, f"videos/{name}", where, POSED_VIDEOS)
     frames = folder / "images" / name
     if found is None and os.path.isdir(frames) and frames.resolve().is_relative_to(folder.resolve()):
         names = sorted(names_in(frames, IMAGE_SUFFIXES), key=natural_order)

@@ -11,7 +11,7 @@ from ...clips.decoding import IMAGE_SUFFIXES
 from ...computer.array_type import Array
 from ...errors import InputError
 from ...storage.files import check_size
-from . import VIDEOS, PosedImages
+from . import POSED_VIDEOS, PosedImages
 from .assemble import IMAGE_LIMIT, View, find_image, inverse, lens_of, names_in, posed_images, rigid
 
 ROW = 17  # 3 x 5 of rotation, centre and (height, width, focal), then the nearest and farthest depth
@@ -61,7 +61,7 @@ def _rows(path: Path) -> Array:
 def _files(path: Path) -> list[Path]:
     folder, suffixes = path.parent / "images", IMAGE_SUFFIXES
     if not folder.is_dir():
-        folder, suffixes = path.parent, VIDEOS
+        folder, suffixes = path.parent, POSED_VIDEOS
     names = sorted(names_in(folder, suffixes))
     found = [find_image(path.parent, f"{folder.relative_to(path.parent)}/{name}", path) for name in names]
     return [file for file in found if file is not None]
