@@ -19,6 +19,7 @@ from ..pipeline.scores import Term
 from ..subject import Subject
 from ..trajectory import Trajectory
 from .data import ReportData
+from .strip import evenly
 from .svg import svg
 
 if TYPE_CHECKING:
@@ -135,7 +136,7 @@ def top_view(trajectory: Trajectory, subject: Subject) -> str:
 
     def draw(figure: Figure) -> None:
         ax = figure.subplots()
-        for index in np.unique(np.linspace(0, len(path) - 1, 7).round().astype(int)):
+        for index in evenly(len(path), 7):
             triangle = np.stack([edges[index, 0], path[index], edges[index, 1]])
             ax.plot(*triangle.T, color=_OTHER, linewidth=0.9)
         ax.plot(*path.T, color=_MAIN)
