@@ -16,10 +16,21 @@ JOINTS = (
     "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle", "head_top", "neck",
 )  # fmt: skip
 
+BONES = tuple(  # as pairs of JOINTS
+    (JOINTS.index(a), JOINTS.index(b))
+    for a, b in (
+        ("head_top", "neck"), ("neck", "left_shoulder"), ("neck", "right_shoulder"), ("left_shoulder", "left_elbow"),
+        ("left_elbow", "left_wrist"), ("right_shoulder", "right_elbow"), ("right_elbow", "right_wrist"),
+        ("left_shoulder", "left_hip"), ("right_shoulder", "right_hip"), ("left_hip", "right_hip"),
+        ("left_hip", "left_knee"), ("left_knee", "left_ankle"), ("right_hip", "right_knee"),
+        ("right_knee", "right_ankle"),
+    )
+)  # fmt: skip
+
 # head top, chest, waist, knees, feet: each of one or two parts of JOINTS; two mean their midpoint (paper Sec. 9)
 _KEY_PARTS = torch.tensor([(12, 12), (0, 1), (6, 7), (8, 9), (10, 11)])  # (5, 2)
 
-_BONES = (  # share of the standing height; the hips mean their middle
+_SHARES = (  # share of the standing height; the hips mean their middle
     ("head_top", "neck", 0.18), ("neck", "hips", 0.29),
     ("left_hip", "left_knee", 0.25), ("left_knee", "left_ankle", 0.235),
     ("right_hip", "right_knee", 0.25), ("right_knee", "right_ankle", 0.235),
@@ -57,7 +68,7 @@ def stature(joints: Tensor) -> float:
     """
     at = dict(zip(JOINTS, joints.double()))
     at["hips"] = (at["left_hip"] + at["right_hip"]) / 2
-    told = torch.stack([(at[one] - at[other]).norm() / share for one, other, share in _BONES])
+    told = torch.stack([(at[one] - at[other]).norm() / share for one, other, share in _SHARES])
     return float(told.nanquantile(0.5))
 
 

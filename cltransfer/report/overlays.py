@@ -11,19 +11,9 @@ from torch import Tensor
 
 from ..feature_shapes import on_grid
 from ..features import Features
-from ..skeleton import JOINTS, VISIBLE
+from ..skeleton import BONES, JOINTS, VISIBLE
 from .picture import DRAWABLE
 
-BONES = tuple(
-    (JOINTS.index(a), JOINTS.index(b))
-    for a, b in (
-        ("head_top", "neck"), ("neck", "left_shoulder"), ("neck", "right_shoulder"), ("left_shoulder", "left_elbow"),
-        ("left_elbow", "left_wrist"), ("right_shoulder", "right_elbow"), ("right_elbow", "right_wrist"),
-        ("left_shoulder", "left_hip"), ("right_shoulder", "right_hip"), ("left_hip", "right_hip"),
-        ("left_hip", "left_knee"), ("left_knee", "left_ankle"), ("right_hip", "right_knee"),
-        ("right_knee", "right_ankle"),
-    )
-)  # fmt: skip
 LEFT, RIGHT, MIDDLE = (80, 200, 255), (255, 120, 60), (255, 255, 255)  # RGB of the body's sides
 UNSURE = (150, 150, 150)
 TINTS = np.array([[220, 60, 60], [60, 200, 90], [40, 40, 40]])  # RGB of foreground, character, background

@@ -8,6 +8,7 @@ from torch import Tensor
 from ...camera import Camera
 from ...feature_shapes import on_grid
 from ...features import Features, nobody
+from ...skeleton import BONES, JOINTS
 from ...subject import Subject
 
 BEHIND = 0.06  # a primitive counts as seen up to this many subject heights behind the surface seen there
@@ -15,8 +16,7 @@ REACH = 0.22  # how far from the bones a primitive of the person may be, in subj
 MAJORITY = 0.5
 INSIDE = 0.8  # share of the masks that must hold a primitive no view sees
 
-_BONES = ((12, 13), (13, 0), (13, 1), (0, 2), (2, 4), (1, 3), (3, 5), (13, 6), (13, 7), (6, 7), (0, 6), (1, 7),
-          (6, 8), (8, 10), (7, 9), (9, 11))  # fmt: skip
+_TRUNK = tuple((JOINTS.index("neck"), JOINTS.index(hip)) for hip in ("left_hip", "right_hip"))  # within BONES
 
 
 def seen_in(seen: Features) -> Tensor:
@@ -65,7 +65,7 @@ def _pixel(pixels: Tensor, depth: Tensor, size: tuple[int, int]) -> tuple[Tensor
 def bone_distance(means: Tensor, subject: Subject) -> Tensor:
     """Distance (N,) to the nearest known bone, or to a vertical line where a limb is unknown."""
     nearest = torch.full((len(means),), torch.inf, dtype=torch.float64)
-    ends = [(subject.joints[a], subject.joints[b]) for a, b in _BONES]
+    ends = [(subject.joints[a], subject.joints[b]) for a, b in (*BONES, *_TRUNK)]
     middle = subject.anchor
     ends.append((middle - 0.55 * subject.height * subject.up, middle + 0.55 * subject.height * subject.up))
     for start, end in ends:
