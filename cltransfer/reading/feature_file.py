@@ -85,7 +85,8 @@ class FeatureFile:
         try:
             with safe_open(path, framework="pt") as stream:
                 meta: dict[str, str] = stream.metadata() or {}
-                tensors = {key: stream.get_tensor(key) for key in stream.keys()}  # noqa: SIM118
+                # a copy each: what it gives is a map of the file, whose values change where another is copied over it
+                tensors = {key: stream.get_tensor(key).clone() for key in stream.keys()}  # noqa: SIM118
         except SafetensorError as error:
             raise InputError(path, "", f"not a feature file: {error}") from None
         if meta.get("format") != FORMAT:

@@ -140,6 +140,18 @@ def test_masks_and_short_floats_of_a_feature_file_get_the_type_they_have_in_feat
         assert kept(tmp_path / "a", depth=mask.to(dtype)).require("depth").dtype is want
 
 
+def test_a_feature_file_that_another_is_copied_over_changes_nothing_that_was_read(tmp_path: Path) -> None:
+    path, mask = tmp_path / "a", torch.eye(4, 8).expand(2, 4, 8).contiguous()
+    given = {"depth": mask + 1, "subject": mask.bool(), "orientation": torch.rand(2, 3).double()}
+    save_file({"times": torch.tensor([0.0, 1.0]).double(), **given}, path, {"format": FORMAT, "size": "[8, 4]"})
+    found = FeatureFile.load(path)
+    with path.open("r+b") as stream:  # as cp does, which keeps the file and writes into it
+        stream.write(b"\1" * path.stat().st_size)
+    assert found.times.tolist() == [0, 1]
+    for name, value in given.items():
+        assert torch.equal(found.features.require(name), value)
+
+
 def test_layers_that_are_checked_take_no_more_memory_than_they_have(tmp_path: Path) -> None:
     made = []
 

@@ -148,7 +148,7 @@ def _read_person(scene: Scene, subject_file: Path) -> Scene:
     if label is None or tuple(label.shape) != (count,):
         got = None if label is None else tuple(label.shape)
         raise InputError(labels, "label", f"expected ({count},), got {got}", "lift this scene again")
-    label = label.float()
+    label = label.to(torch.float32, copy=True)  # rather than a map of the file, which may be replaced
     wrong = label[~((label >= 0) & (label <= 1))]  # NaN among them
     if len(wrong):
         raise InputError(labels, "label", f"expected values from 0 to 1, got {float(wrong[0]):g}", "lift it again")

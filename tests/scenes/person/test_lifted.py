@@ -21,6 +21,8 @@ from cltransfer.scenes.builtin import named_scene
 from cltransfer.scenes.person import lifted
 from cltransfer.scenes.person.lift import Lift
 from cltransfer.scenes.person.lifted import cached_lift, lifted_scene, load_person, save_labels
+from cltransfer.scenes.simplify import subset
+from cltransfer.scenes.splats import Splats
 from cltransfer.subject import Subject
 from cltransfer.testing import sample_features
 
@@ -118,6 +120,20 @@ def test_labels_that_are_no_membership_are_refused(tmp_path: Path, value: float,
     save_file({"label": label}, tmp_path / "labels.safetensors")
     with pytest.raises(InputError, match=f"labels.safetensors: label: expected values from 0 to 1, got {value:g}"):
         load_person(scene, tmp_path / "subject.json")
+
+
+def test_labels_that_others_are_copied_over_change_nothing_that_was_read(tmp_path: Path) -> None:
+    scene = named_scene("courtyard")
+    assert scene.subject is not None
+    assert isinstance(scene.geometry, Splats)
+    few = replace(scene, geometry=subset(scene.geometry, scene.geometry.label.nonzero()[:1000, 0]))
+    scene.subject.save(tmp_path / "subject.json")
+    labels = tmp_path / "labels.safetensors"
+    save_file({"label": few.geometry.label}, labels)
+    found = load_person(few, tmp_path / "subject.json")
+    with labels.open("r+b") as stream:  # as cp does, which keeps the file and writes into it
+        stream.write(b"\0" * labels.stat().st_size)
+    assert torch.equal(found.geometry.label, few.geometry.label)
 
 
 def test_a_person_without_labels_is_refused_where_the_scene_marks_nobody(tmp_path: Path) -> None:
