@@ -145,16 +145,17 @@ def _run_into(
     from ..transfer import transfer as run
 
     open_run(folder, resumed)
+    record = Record(folder / JOURNAL, resumed)
     try:
         with alone(folder, "writes a run", "--resume" if resumed else "--out"):
             if not (resumed or quiet):
                 _tell_replaced(folder)
             set_threads(settings.threads or default_count())  # of what is written too
             with progress(quiet) as report:
-                result = run(inputs, settings, report, Record(folder / JOURNAL, resumed))
+                result = run(inputs, settings, report, record)
                 return write_run(folder, result, inputs, settings, plugins)
     except STOPS as stop:
-        begun = (folder / JOURNAL).is_file() and not (folder / DONE).is_file()
+        begun = record.ours and not (folder / DONE).is_file()
         stopped(stop, f"the same command with --resume {shlex.quote(str(folder))} goes on from here" * begun)
 
 

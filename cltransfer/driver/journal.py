@@ -21,12 +21,10 @@ import errno
 import json
 import math
 import os
-import re
-import shlex
 import struct
 import time
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -40,18 +38,13 @@ from ..computer.memory import require_parsed
 from ..errors import InputError, ResourceError
 from ..features import Features
 from ..storage.files import JSON_LIMIT
+from .journal_header import compare
 
 _FRAME = struct.Struct("<II")  # length, crc32 of the payload
 _SHAPE = struct.Struct("<III")  # crc32 of what was asked, rows, columns
 RECORD_LIMIT = 2**28  # bytes; a path of 1,000 frames with 30 residuals, and beyond jumps, takes 720 kB
 SYNC = 0.2  # [s] between waits for the disk; each takes 4 ms, and a search of 24 frames asks hundreds of times
 SMALL = 4096  # numbers; joints and angles are, whose bias is aimed off, maps are not
-VIEW = "the view of init"  # what a file holds that --init names
-PERSON = "person"  # who was lifted, or whom the file holds that --subject names
-ASKED = ("init", "subject", "scene", "reference", "part of the reference", "threads")  # what a command says, as config.
-PRESET = "config.preset"  # from which other settings follow
-NAMED = 3  # settings that are named where several differ
-_DIGEST = re.compile("[0-9a-f]{32,}")
 
 
 class Journal:
@@ -61,24 +54,41 @@ class Journal:
         path: of the file.
         header: what the answers depend on, as JSON values; a journal of another header is not gone on with.
         resume: take up the answers that are there; otherwise they are discarded.
+        patient: what is discarded stays on disk until :meth:`settle`, and new answers wait in memory.
 
     Raises:
         InputError: the file is no journal, or of another run.
         ResourceError: another process writes it; or, of any answer, it is larger than a record may be.
     """
 
-    def __init__(self, path: Path, header: Mapping[str, object], resume: bool) -> None:
+    def __init__(self, path: Path, header: Mapping[str, object], resume: bool, patient: bool = False) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self.path = path
         self.replayed = 0
         self._synced = -math.inf  # when, by the clock of time.monotonic
         self._replaying = resume and path.exists() and _is_begun(path, header)
         self._stream = _open(path)
+        self._waiting: list[bytes] | None = None  # records that are not on the disk yet
         if self._replaying:
             _record(self._stream)  # the header
         else:
-            self._stream.truncate(0)
+            if patient and os.fstat(self._stream.fileno()).st_size:
+                self._waiting = []
+            else:
+                self._stream.truncate(0)
             self._append(_coded(header))
+
+    @property
+    def settled(self) -> bool:
+        """Whether what lies on the disk is of this run."""
+        return self._waiting is None
+
+    def settle(self) -> None:
+        """What another run had left is gone, and what was answered so far stands in its place."""
+        if self._waiting is not None:
+            records, self._waiting = b"".join(self._waiting), None
+            self._stream.truncate(0)
+            self._write(records, lasting=True)
 
     @classmethod
     def begun(cls, path: Path, header: Mapping[str, object]) -> bool:
@@ -152,7 +162,14 @@ class Journal:
         if len(payload) > RECORD_LIMIT:
             size = f"an answer of {len(payload) >> 20} MiB, expected at most {RECORD_LIMIT >> 20}"
             raise ResourceError(self.path, "", size, "take fewer frames, or a loss of fewer residuals")
-        self._stream.write(_FRAME.pack(len(payload), zlib.crc32(payload)) + payload)
+        record = _FRAME.pack(len(payload), zlib.crc32(payload)) + payload
+        if self._waiting is None:
+            self._write(record, lasting)
+        else:
+            self._waiting.append(record)
+
+    def _write(self, records: bytes, lasting: bool) -> None:
+        self._stream.write(records)
         self._stream.flush()
         if lasting or time.monotonic() - self._synced >= SYNC:
             os.fsync(self._stream.fileno())
@@ -221,7 +238,7 @@ def _is_begun(path: Path, header: Mapping[str, object]) -> bool:
     with path.open("rb") as stream:
         first = _record(stream, JSON_LIMIT)
     if first is not None:
-        _compare(path, _parsed(path, "header", first), header)
+        compare(path, _parsed(path, "header", first), header)
     elif not _torn_at_once(path):
         raise InputError(path, "header", "not a journal", "start over with another --out")
     return first is not None
@@ -240,59 +257,3 @@ def _parsed(path: Path, field: str, told: bytes) -> Any:
         return json.loads(told)
     except (ValueError, RecursionError):
         raise InputError(path, field, "not a journal", "start over with another --out") from None
-
-
-def _compare(path: Path, recorded: object, header: Mapping[str, object]) -> None:
-    now = json.loads(json.dumps(header))
-    if not isinstance(recorded, dict):
-        raise InputError(path, "header", "not a journal")
-    others = [key for key in sorted({*now, *recorded}, key=_rank) if recorded.get(key) != now.get(key)]
-    for given, follows in (("init", VIEW), ("subject", PERSON)):
-        if given in others:
-            others = [key for key in others if key != follows]
-    for key in others[:1]:
-        before, here = recorded.get(key), now.get(key)
-        reason = f"the run was begun with {_said(before)}, this is {_said(here)}"
-        if all(isinstance(value, str) and _DIGEST.fullmatch(value) for value in (before, here)):
-            reason = "is not what the run was begun with"
-        raise InputError(path, key, reason, _begun_so(key, before, others[1:]))
-
-
-def _rank(key: str) -> tuple[bool, bool, str]:
-    """By which settings are told: the preset, what else a command says, and last what follows or was installed."""
-    return key != PRESET, not (key.startswith("config.") or key in ASKED), key
-
-
-def _begun_so(key: str, value: object, more: Sequence[str] = ()) -> str:
-    """How the run is gone on with, or begun anew; the settings in ``more`` differ too."""
-    again = "start over with another --out"
-    if more:
-        named = [*more[:NAMED], *([f"{len(more) - NAMED} more"] if len(more) > NAMED else [])]
-        listed = " and ".join(filter(None, (", ".join(named[:-1]), named[-1])))
-        differ = "differs" if len(more) == 1 else "differ"
-        return f"{listed} {differ} too: repeat the command as it was with --resume, or {again}"
-    if key == "threads":
-        word = f"CLTRANSFER_THREADS={shlex.quote(str(value))}"
-    elif key == "init" or (key == "subject" and value is not None):
-        word = f"--{key} {shlex.quote(str(value))}"
-    elif key == "subject":
-        word = "no --subject"
-    elif key.startswith("config.") and (value is None or isinstance(value, str | int | float)):
-        said = value if isinstance(value, str) else _said(value)
-        word = shlex.quote(f"{key.removeprefix('config.')}={said}")
-    elif key.startswith("config."):
-        return f"repeat the command as it was with --resume, or {again}"
-    else:
-        return again
-    return f"go on with {word}, or {again}"
-
-
-def _said(value: object) -> str:
-    """A setting as a config says it.
-
-    >>> _said(None), _said(True), _said("auto")
-    ('null', 'true', "'auto'")
-    """
-    if value is None or isinstance(value, bool):
-        return {None: "null", True: "true", False: "false"}[value]
-    return repr(value)

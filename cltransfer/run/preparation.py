@@ -18,7 +18,8 @@ from ..config.options import RunConfig
 from ..drawing import check_renderer
 from ..driver.guard import READ, Guard
 from ..driver.initial_view import any_view
-from ..driver.journal import VIEW, fingerprint
+from ..driver.journal import fingerprint
+from ..driver.journal_header import VIEW
 from ..driver.recent import Recent
 from ..driver.schedule import Schedule, make_schedule
 from ..driver.stage import Stage
@@ -140,6 +141,8 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     at = places(reference.times)
     starting = Starting(search, schedule, config.guide, view, output, reference.family == "image", at)
     starts = starting.starts(replace(stage, scene=solid), wanted)
+    if record is not None and stage.journal is not None:
+        record.settle(stage.journal)
     clock.lap("initial view")
     return Job(
         config, parts, search, reference, wanted, stage, solid, schedule, noise, starting, starts,

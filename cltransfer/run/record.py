@@ -12,7 +12,8 @@ from typing import Any
 from ..computer.packages import versions
 from ..computer.threads import thread_count
 from ..config.options import RunConfig
-from ..driver.journal import PERSON, Journal
+from ..driver.journal import Journal
+from ..driver.journal_header import PERSON
 from ..errors import UsageError
 from ..models.content import files_content, model_content, own_model
 from ..models.onnx import VARIABLE
@@ -24,7 +25,7 @@ from ..storage.run_files import DONE
 from .inputs import Inputs
 
 
-@dataclass(frozen=True)
+@dataclass
 class Record:
     """The journal of a run.
 
@@ -36,20 +37,30 @@ class Record:
     path: Path
     resume: bool = False
 
+    def __post_init__(self) -> None:
+        self.ours = self.resume
+        """Whether what lies at ``path`` is of this run, which can go on from there."""
+
     def open(self, header: dict[str, Any]) -> Journal:
-        """The journal of a run that depends on ``header``; from now on what lies beside it is not finished.
+        """The journal of a run that depends on ``header``; what another has left there stays until :meth:`settle`.
 
         Raises:
             InputError: it is resumed, and is of another run or no journal.
             UsageError: it is not, and this very run was begun here and has not come to its end.
         """
-        done, folder = self.path.with_name(DONE), self.path.parent
-        if not (self.resume or done.is_file()) and Journal.begun(self.path, header):
+        folder = self.path.parent
+        if not (self.resume or self.path.with_name(DONE).is_file()) and Journal.begun(self.path, header):
             hint = f"go on with --resume {shlex.quote(str(folder))}, or name another --out"
             raise UsageError(folder, "--out", "this run was begun there and has not come to its end", hint)
-        journal = Journal(self.path, header, self.resume)
-        done.unlink(missing_ok=True)
+        journal = Journal(self.path, header, self.resume, patient=True)
+        self.ours = journal.settled
         return journal
+
+    def settle(self, journal: Journal) -> None:
+        """Nothing refuses the run of ``journal`` any more: what lies beside it is not finished from now on."""
+        self.path.with_name(DONE).unlink(missing_ok=True)  # first: the run that was begun there could go on
+        journal.settle()
+        self.ours = True
 
 
 def run_header(

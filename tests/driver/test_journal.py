@@ -101,6 +101,22 @@ def test_without_resume_the_answers_are_discarded(tmp_path: Path) -> None:
     assert ask_all(tmp_path / "j", False)[1] == 5
 
 
+def test_a_patient_journal_leaves_what_lies_there_until_it_settles_and_is_the_same_then(tmp_path: Path) -> None:
+    first, cameras = questions()[:2]
+    (tmp_path / "j").write_bytes(b"another run")
+    journal = Journal(tmp_path / "j", HEADER, False, patient=True)
+    journal.answer(first, lambda: values(first))
+    assert not journal.settled
+    assert (tmp_path / "j").read_bytes() == b"another run"
+    journal.settle()
+    journal.answer(cameras, lambda: values(cameras))
+    plain = Journal(tmp_path / "plain", HEADER, False, patient=True)
+    assert plain.settled  # there was nothing
+    for asked in (first, cameras):
+        plain.answer(asked, lambda asked=asked: values(asked))
+    assert (tmp_path / "j").read_bytes() == (tmp_path / "plain").read_bytes()
+
+
 def test_whether_a_run_was_begun_is_told_without_reading_all_of_its_journal(tmp_path: Path) -> None:
     assert not Journal.begun(tmp_path / "j", HEADER)
     journal, large = Journal(tmp_path / "j", HEADER, False), torch.zeros(1000, 1000, dtype=torch.float64)

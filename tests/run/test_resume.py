@@ -22,9 +22,8 @@ from cltransfer.camera import Camera
 from cltransfer.config import load_config
 from cltransfer.drawing import drawn_by
 from cltransfer.driver import stage
-from cltransfer.driver.journal import VIEW, Journal, _begun_so, _record
+from cltransfer.driver.journal import _record
 from cltransfer.driver.stage import Spent
-from cltransfer.errors import InputError
 from cltransfer.features import Features, OfThisRun
 from cltransfer.pipeline.components import Components
 from cltransfer.progress import silent
@@ -39,6 +38,7 @@ from cltransfer.scenes.ply import write_splats
 from cltransfer.search.subject_orbit import SubjectOrbit
 from cltransfer.storage.files import content_hash
 from cltransfer.storage.run_files import DONE, JOURNAL, RESULTS
+from cltransfer.subject import Subject
 from cltransfer.trajectory import Trajectory
 from cltransfer.transfer import transfer
 
@@ -220,65 +220,6 @@ def test_a_run_is_resumed_in_its_folder_however_that_is_named_and_in_no_other(
     assert "the run was begun with 0, this is 5" in command(*words, tmp_path / "other" / ".." / "run").err
 
 
-def test_a_journal_is_of_what_the_initial_view_s_file_held(tmp_path: Path) -> None:
-    begun = {"init": "view.json", VIEW: 1, "threads": 2}
-    Journal(tmp_path / "a", begun, False)
-    Journal(tmp_path / "a", begun, True)
-    with pytest.raises(
-        InputError, match=rf"{VIEW}: the run was begun with 1, this is 2 \(start over with another --out"
-    ):
-        Journal(tmp_path / "a", {**begun, VIEW: 2}, True)
-    with pytest.raises(
-        InputError, match=r"init: the run was begun with 'view.json', .* \(go on with --init view.json, or"
-    ):
-        Journal(tmp_path / "a", {"init": "auto", "threads": 2}, True)
-
-
-def test_a_key_that_was_not_set_is_told_as_a_config_says_it(tmp_path: Path) -> None:
-    Journal(tmp_path / "a", {"config.frames": None}, False)
-    told = r"config\.frames: the run was begun with null, this is 24 \(go on with frames=null, or"
-    with pytest.raises(InputError, match=told):
-        Journal(tmp_path / "a", {"config.frames": 24}, True)
-
-
-def test_who_was_named_follows_from_subject_and_is_asked_for_again(tmp_path: Path) -> None:
-    begun = {"subject": "1", "person": "a" * 64}
-    Journal(tmp_path / "a", begun, False)
-    with pytest.raises(InputError, match=r"subject: the run was begun with '1', .* \(go on with --subject 1, or"):
-        Journal(tmp_path / "a", {"subject": None, "person": "b" * 64}, True)
-    assert _begun_so("subject", None).startswith("go on with no --subject, or")
-
-
-def test_how_a_run_is_gone_on_with_can_be_pasted() -> None:
-    assert (
-        _begun_so("init", "my views/a.json") == "go on with --init 'my views/a.json', or start over with another --out"
-    )
-    again = "repeat the command as it was with --resume, or start over with another --out"
-    assert _begun_so("config.basin", 1000.0, ["a"]) == f"a differs too: {again}"
-    assert _begun_so("config.basin", 1000.0, ["a", "b", "c"]) == f"a, b and c differ too: {again}"
-    assert _begun_so("config.basin", 1000.0, list("abcde")) == f"a, b, c and 2 more differ too: {again}"
-    assert _begun_so("config.losses", {"framing": {}}).startswith("repeat the command as it was with --resume, or")
-    assert _begun_so("config.warm_start", True).startswith("go on with warm_start=true, or")
-    assert _begun_so("config.preset", "Mine $(date)", 0).startswith("go on with 'preset=Mine $(date)', or")
-    assert _begun_so("threads", "1; date").startswith("go on with CLTRANSFER_THREADS='1; date', or")
-
-
-def test_what_was_said_otherwise_is_named_before_what_cltransfer_is_made_of(tmp_path: Path) -> None:
-    names = ("reference", "code of cltransfer", "network of pose")
-    begun = {"config.preset": "fast", "config.basin": 1, "config.frames": 5, **dict.fromkeys(names, "a" * 64)}
-    Journal(tmp_path / "a", begun, False)
-    told = r"config\.frames: .* begun with 5, this is 3 \(reference, code of cltransfer and network of pose differ too"
-    with pytest.raises(InputError, match=told):
-        Journal(tmp_path / "a", {**begun, "config.frames": 3, **dict.fromkeys(names, "b" * 64)}, True)
-    with pytest.raises(InputError, match=r"config\.preset: .* \(config\.basin differs too"):
-        Journal(tmp_path / "a", {**begun, "config.preset": "max", "config.basin": 2}, True)
-    told = r"reference: is not what the run was begun with \(code of cltransfer differs too: repeat the command"
-    with pytest.raises(InputError, match=told):
-        Journal(tmp_path / "a", {**begun, "code of cltransfer": "b" * 64, "reference": "b" * 64}, True)
-    with pytest.raises(InputError, match=r"code of cltransfer: is not what the run was begun with \(start over"):
-        Journal(tmp_path / "a", {**begun, "code of cltransfer": "b" * 64}, True)
-
-
 def test_a_run_of_other_threads_says_how_to_go_on(
     command: Callable[..., Any], tiny_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -305,6 +246,22 @@ def test_a_run_that_was_killed_is_not_begun_anew_in_its_folder(
     assert (run / JOURNAL).read_bytes() == kept
     assert command(*same, "seed=5").code == 0  # another run: what lies there is of no use to it
     assert (run / DONE).is_file()
+
+
+def test_a_command_that_is_refused_leaves_the_run_in_its_folder_as_it_was(
+    command: Callable[..., Any], tiny_run: Path, tmp_path: Path
+) -> None:
+    """By what is known last: an initial view within the person."""
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    found, middle = Trajectory.load(run / "trajectory.json"), Subject.load(run / "subject.json").anchor
+    w2c = found.camera.w2c.clone()
+    w2c[:, :3, 3] = -(w2c[:, :3, :3] @ middle)
+    Trajectory(replace(found.camera, w2c=w2c), found.times).save(tmp_path / "amid.json")
+    refused = command("transfer", "-c", tiny_run / "config.yaml", "-q", "--init", tmp_path / "amid.json", "--out", run)
+    assert refused.code == 3
+    assert "expected a camera beside the person, got one at the middle of the body" in refused.err
+    assert {path.name for path in tiny_run.iterdir()} == {path.name for path in run.iterdir()}
+    assert (run / JOURNAL).read_bytes() == (tiny_run / JOURNAL).read_bytes()
 
 
 @dataclass(frozen=True)
