@@ -38,7 +38,7 @@ from ..computer.memory import require_parsed
 from ..errors import InputError, ResourceError
 from ..features import Features
 from ..storage.files import JSON_LIMIT
-from .journal_header import compare
+from .journal_header import compare, same_command
 
 _FRAME = struct.Struct("<II")  # length, crc32 of the payload
 _SHAPE = struct.Struct("<III")  # crc32 of what was asked, rows, columns
@@ -92,11 +92,14 @@ class Journal:
 
     @classmethod
     def begun(cls, path: Path, header: Mapping[str, object]) -> bool:
-        """Whether ``path`` holds answers of a run of this ``header``."""
+        """Whether ``path`` holds answers of a run that was begun by the same command as one of this ``header``."""
         if not path.is_file():
             return False
         with path.open("rb") as stream:
-            return _record(stream) == _coded(header) and _record(stream) is not None
+            first = _record(stream, JSON_LIMIT)
+            if first is None or _record(stream) is None:
+                return False
+        return same_command(_parsed(path, "header", first), header)
 
     def answer(
         self, cameras: Camera, compute: Callable[[], Tensor], told: int = 0, columns: int | None = None

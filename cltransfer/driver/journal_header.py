@@ -13,6 +13,7 @@ from ..errors import InputError
 VIEW = "the view of init"  # what a file holds that --init names
 PERSON = "person"  # who was lifted, or whom the file holds that --subject names
 ASKED = ("init", "subject", "scene", "reference", "part of the reference", "threads")  # what a command says, as config.
+THREADS = ("threads", "config.threads")  # of a computer, and in none of the answers but their last bits
 PRESET = "config.preset"  # from which other settings follow
 NAMED = 3  # settings that are named where several differ
 _DIGEST = re.compile("[0-9a-f]{32,}")
@@ -37,6 +38,19 @@ def compare(path: Path, recorded: object, header: Mapping[str, object]) -> None:
         if all(isinstance(value, str) and _DIGEST.fullmatch(value) for value in (before, here)):
             reason = "is not what the run was begun with"
         raise InputError(path, key, reason, _begun_so(key, before, others[1:]))
+
+
+def same_command(recorded: object, header: Mapping[str, object]) -> bool:
+    """Whether a journal was begun by the command of ``header``: what it says, and what the files that it names held.
+
+    Threads, packages and code are those of a computer, and an option that one of them did not have was not said: by
+    another the run cannot go on, but it is the same one.
+    """
+    if not isinstance(recorded, dict):
+        return False
+    now = json.loads(json.dumps(header))
+    said = [key for key in now if (key.startswith("config.") or key in (*ASKED, VIEW)) and key not in THREADS]
+    return all(recorded[key] == now[key] for key in said if key in recorded)
 
 
 def _rank(key: str) -> tuple[bool, bool, str]:

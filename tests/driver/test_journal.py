@@ -22,7 +22,7 @@ from cltransfer.errors import InputError, ResourceError
 from cltransfer.storage.files import JSON_LIMIT
 from cltransfer.testing.samples import sample_cameras, sample_features
 
-HEADER = {"seed": 0, "scene": "abc"}
+HEADER = {"config.seed": 0, "scene": "abc"}
 RECORD = 8 + 12 + 3 * 3 * 8  # bytes: frame, shape and question, the answers to three cameras
 
 
@@ -126,7 +126,7 @@ def test_whether_a_run_was_begun_is_told_without_reading_all_of_its_journal(tmp_
     tracemalloc.start()
     try:
         assert Journal.begun(tmp_path / "j", HEADER)
-        assert not Journal.begun(tmp_path / "j", {**HEADER, "seed": 1})
+        assert not Journal.begun(tmp_path / "j", {**HEADER, "config.seed": 1})
         assert tracemalloc.get_traced_memory()[1] < 2 * large.nbytes
     finally:
         tracemalloc.stop()
@@ -209,8 +209,8 @@ def test_a_tail_of_zeros_is_cut_off(tmp_path: Path) -> None:
 
 def test_another_run_is_refused_by_the_key_that_differs(tmp_path: Path) -> None:
     ask_all(tmp_path / "j", False)
-    with pytest.raises(InputError, match="seed: the run was begun with 0, this is 1"):
-        Journal(tmp_path / "j", {**HEADER, "seed": 1}, True)
+    with pytest.raises(InputError, match=r"config\.seed: the run was begun with 0, this is 1"):
+        Journal(tmp_path / "j", {**HEADER, "config.seed": 1}, True)
 
 
 def test_another_question_is_refused(tmp_path: Path) -> None:
@@ -266,8 +266,8 @@ def test_the_header_is_compared_before_the_answers_are_read(tmp_path: Path) -> N
         for _ in range(8):
             stream.write(struct.pack("<II", len(block), zlib.crc32(block)) + block)
     tracemalloc.start()
-    with pytest.raises(InputError, match="seed"):
-        Journal(path, {**HEADER, "seed": 1}, True)
+    with pytest.raises(InputError, match=r"config\.seed"):
+        Journal(path, {**HEADER, "config.seed": 1}, True)
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert most < 2**21

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from cltransfer.driver.journal import Journal
-from cltransfer.driver.journal_header import VIEW, _begun_so
+from cltransfer.driver.journal_header import PERSON, VIEW, _begun_so, same_command
 from cltransfer.errors import InputError
 
 
@@ -68,3 +68,14 @@ def test_what_was_said_otherwise_is_named_before_what_cltransfer_is_made_of(tmp_
         Journal(tmp_path / "a", {**begun, "code of cltransfer": "b" * 64, "reference": "b" * 64}, True)
     with pytest.raises(InputError, match=r"code of cltransfer: is not what the run was begun with \(start over"):
         Journal(tmp_path / "a", {**begun, "code of cltransfer": "b" * 64}, True)
+
+
+def test_a_command_is_the_same_by_what_it_says_and_reads_on_whatever_computer() -> None:
+    said = {"config.seed": 0, "config.threads": None, "init": "view.json", "scene": "a" * 64, "reference": "b" * 64}
+    begun = {**said, VIEW: 1, "threads": 2, "code of cltransfer": "c" * 64, "versions": {"a": "2"}, PERSON: "d" * 64}
+    elsewhere = {"config.threads": 8, "threads": 8, "code of cltransfer": "e" * 64, "versions": {}, PERSON: "f" * 64}
+    assert same_command(begun, {**begun, **elsewhere})
+    assert same_command(begun, {**begun, "config.new": 1})  # which a later version has
+    for key, other in (("config.seed", 1), ("init", "auto"), (VIEW, 2), ("scene", "b" * 64), ("reference", "a" * 64)):
+        assert not same_command(begun, {**begun, key: other})
+    assert not same_command(["a journal"], begun)

@@ -232,18 +232,21 @@ def test_a_run_of_other_threads_says_how_to_go_on(
     assert f"(go on with CLTRANSFER_THREADS={begun}, or start over with another --out)" in refused.err
 
 
-def test_a_run_that_was_killed_is_not_begun_anew_in_its_folder(
-    command: Callable[..., Any], tiny_run: Path, tmp_path: Path
+def test_a_run_that_was_killed_is_not_begun_anew_in_its_folder_nor_by_other_threads(
+    command: Callable[..., Any], tiny_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = shutil.copytree(tiny_run, tmp_path / "run")
     (run / DONE).unlink()
     kept = (run / JOURNAL).read_bytes()
     same = ("transfer", "-c", tiny_run / "config.yaml", "--out", run)
-    refused = command(*same)
-    assert refused.code == 2
-    assert "will be replaced, unless this is its own command" in refused.err  # it was told that another replaces it
-    assert f"this run was begun there and has not come to its end (go on with --resume {run}, or " in refused.err
-    assert (run / JOURNAL).read_bytes() == kept
+    begun = json.loads((run / "manifest.json").read_text())["threads"]
+    for threads in (begun + 1, begun):
+        monkeypatch.setenv("CLTRANSFER_THREADS", str(threads))
+        refused = command(*same)
+        assert refused.code == 2
+        assert "will be replaced, unless this is its own command" in refused.err
+        assert f"this run was begun there and has not come to its end (go on with --resume {run}, or " in refused.err
+        assert (run / JOURNAL).read_bytes() == kept
     assert command(*same, "seed=5").code == 0  # another run: what lies there is of no use to it
     assert (run / DONE).is_file()
 
