@@ -91,6 +91,11 @@ class Entry:
         """The file it is pulled to."""
         return self.folder / self.file
 
+    @property
+    def lock(self) -> Path:
+        """What whoever replaces the file holds meanwhile."""
+        return cache_dir() / f"{self.path.name}.part.lock"
+
     def error(self, field: str, reason: str, hint: str = "") -> CltransferError:
         """An error about this file; its exit code tells networks from assets."""
         return (ModelError if self.kind == "model" else InputError)(self.file, field, reason, hint)

@@ -10,8 +10,8 @@ from urllib.parse import urljoin, urlsplit
 
 from ..progress import Progress
 from ..storage.alone import in_turn
-from ..storage.files import atomic, cache_dir, content_hash
-from .catalogue import LARGEST, Entry, entry_of_file, pin, pinned
+from ..storage.files import atomic, content_hash
+from .catalogue import LARGEST, Entry, entry_of_file, pin, pinned, pinned_file
 
 if TYPE_CHECKING:
     from requests import Response, Session
@@ -193,9 +193,11 @@ def pull(entry: Entry, accept_new: bool, progress: Progress, timeout: float = 30
         raise entry.error("sha256", f"is not known, from {entry.address}", hint)
     if not entry.path.parent.resolve().is_relative_to(entry.folder.resolve()):
         raise entry.error("folder", f"{entry.path.parent} is a link out of {entry.folder}, from {entry.address}")
+    if entry.sha256 and entry.path.is_file() and content_hash(entry.path) == entry.sha256:
+        return _noted(entry)  # of a cache too that may only be read
     pooch.get_logger().setLevel("ERROR")
     entry.path.parent.mkdir(parents=True, exist_ok=True)
-    with in_turn(cache_dir() / f"{entry.path.name}.part.lock"):  # another command may be pulling the same file
+    with in_turn(entry.lock):  # another command may be pulling the same file
         entry = pinned(entry)  # and have pinned it meanwhile
         getter = Resuming(entry, progress, timeout)
         about = f"from {entry.address}, sha256 {entry.sha256 or 'not known'}"
@@ -207,9 +209,14 @@ def pull(entry: Entry, accept_new: bool, progress: Progress, timeout: float = 30
             raise entry.error("sha256", f"got {getter.sha256}, {about}", "the file was not kept") from None
         if not entry.sha256:
             return pin(entry, getter.sha256)
-        if entry.kind == "model" and entry_of_file(entry.file) is None:
-            pin(entry, entry.sha256)  # its catalogue is not at hand any more when the network is run
-        return entry
+        return _noted(entry)
+
+
+def _noted(entry: Entry) -> Entry:
+    """``entry``, pinned where its catalogue is not at hand any more when the network is run."""
+    if entry.kind == "model" and entry_of_file(entry.file) is None and pinned_file(entry.path) != entry.sha256:
+        pin(entry, entry.sha256)
+    return entry
 
 
 def _retrieve(entry: Entry, getter: Resuming) -> None:

@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 
 from ..errors import ModelError, UsageError
+from ..storage.alone import in_turn
 from ..storage.files import atomic, cache_dir, check_size, content_hash
 from .catalogue import LARGEST, Entry, entry_of_file, pin, stand_ins
 
@@ -70,6 +71,7 @@ def adopt(entry: Entry, file: Path) -> Entry:
     if first.resolve() != entry.path.resolve() and content_hash(first) != content_hash(file):
         reason = "is another file, and is found before the one in the cache"
         raise UsageError(first, entry.name, reason, "remove or rename it")
-    with atomic(entry.path) as temporary:
-        shutil.copyfile(file, temporary)
-    return pin(entry, content_hash(entry.path))
+    with in_turn(entry.lock):  # lest the pin is of what another command puts there
+        with atomic(entry.path) as temporary:
+            shutil.copyfile(file, temporary)
+        return pin(entry, content_hash(entry.path))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
@@ -28,7 +29,7 @@ def alone(folder: Path, what: str, option: str = "--out") -> Iterator[None]:
     made = [path for path in (folder, *folder.parents) if not path.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     hint = "wait until it ends" + f", or name another {option}" * (option != "--resume")
-    with _locked(folder, os.O_RDONLY, ResourceError(folder, option, f"another process {what} there", hint)):
+    with _locked(folder, _to_read, ResourceError(folder, option, f"another process {what} there", hint)):
         try:
             yield
         finally:
@@ -39,21 +40,41 @@ def alone(folder: Path, what: str, option: str = "--out") -> Iterator[None]:
 
 @contextmanager
 def in_turn(lock: Path) -> Iterator[None]:
-    """Wait until nobody else holds the file ``lock``, which is made and left; nobody is waited for without locks."""
+    """Wait until nobody else holds the file ``lock``, which is made and left; nobody is waited for without locks.
+
+    It may be another user's, or lie on a drive that is not to be written.
+    """
     lock.parent.mkdir(parents=True, exist_ok=True)
-    with _locked(lock, os.O_WRONLY | os.O_CREAT):
+    with _locked(lock, _to_write):
         yield
 
 
+def _to_read(path: Path) -> int:
+    return os.open(path, os.O_RDONLY)
+
+
+def _to_write(path: Path) -> int:
+    """A file that is made where it is missing, and opened to be read alone only where it may not be written.
+
+    On many a network drive a file that is not open to be written cannot be held.
+    """
+    try:
+        return os.open(path, os.O_WRONLY | os.O_CREAT, 0o666)
+    except OSError as error:
+        if error.errno not in (errno.EACCES, errno.EPERM, errno.EROFS) or not path.is_file():
+            raise
+        return _to_read(path)
+
+
 @contextmanager
-def _locked(path: Path, flags: int, busy: ResourceError | None = None) -> Iterator[None]:
-    """Hold ``path``, opened with ``flags``; where another does, ``busy`` is raised, or waited where that is None."""
+def _locked(path: Path, opened: Callable[[Path], int], busy: ResourceError | None = None) -> Iterator[None]:
+    """Hold ``path``, as it is ``opened``; where another does, ``busy`` is raised, or waited where that is None."""
     if find_spec("fcntl") is None:
         yield
         return
     import fcntl
 
-    handle = os.open(path, flags, 0o666)
+    handle = opened(path)
     try:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | (0 if busy is None else fcntl.LOCK_NB))

@@ -5,6 +5,7 @@ import json
 import shlex
 import sys
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -25,6 +26,7 @@ from cltransfer.models.catalogue import (
 from cltransfer.models.onnx import Network
 from cltransfer.models.places import adopt, find_model
 from cltransfer.pipeline.components import Components
+from cltransfer.storage.alone import in_turn
 from cltransfer.storage.files import content_hash, write_json
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
@@ -242,6 +244,18 @@ def test_what_one_made_is_not_adopted_where_another_file_would_be_found_before_i
     assert adopt(mine, first).sha256 == content_hash(first)  # as the error of such a file says
     monkeypatch.setenv("CLTRANSFER_MODELS", str(tmp_path / "weights" / ".." / "cache" / "models"))
     assert adopt(mine, tmp_path / "made.onnx").sha256 == content_hash(tmp_path / "made.onnx")
+
+
+def test_what_one_made_is_adopted_when_nobody_else_replaces_the_file(tmp_path, monkeypatch):
+    monkeypatch.setenv("CLTRANSFER_CACHE", str(tmp_path / "cache"))
+    mine = Entry("mine", "model", **USUAL)
+    (tmp_path / "made.onnx").write_bytes(b"made here")
+    with ThreadPoolExecutor(1) as pool:
+        with in_turn(mine.lock):
+            later = pool.submit(adopt, mine, tmp_path / "made.onnx")
+            time.sleep(0.2)
+            assert not mine.path.exists()
+        assert later.result(timeout=10).sha256 == content_hash(mine.path)
 
 
 def test_what_is_published_is_not_adopted(tmp_path):

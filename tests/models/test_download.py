@@ -20,6 +20,7 @@ import requests
 from cltransfer.errors import CltransferError, InputError, ModelError
 from cltransfer.models.catalogue import Entry, pin, pinned
 from cltransfer.models.download import pull
+from cltransfer.storage.alone import in_turn
 
 CONTENT = bytes(range(256)) * 2000  # 512,000 bytes
 HEAVY = 2**26
@@ -219,6 +220,14 @@ def test_a_good_file_is_kept_and_not_asked_for_again(server, entry):
     pull(entry("good"), False, silent)
     assert server.asked == [("/good", "")]
     assert left(had) == ["net.onnx"]
+
+
+def test_a_right_file_is_had_though_another_holds_its_lock_and_is_noted_once(server, entry):
+    pull(entry("good"), False, silent)
+    noted = entry("good").folder.with_name("pins.json").stat().st_mtime_ns
+    with ThreadPoolExecutor(1) as pool, in_turn(entry("good").lock):
+        assert pool.submit(pull, entry("good"), False, silent).result(timeout=10) == entry("good")
+    assert entry("good").folder.with_name("pins.json").stat().st_mtime_ns == noted
 
 
 def test_a_file_of_another_hash_is_not_kept_and_the_line_says_both_hashes(entry):

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
 
@@ -50,6 +53,33 @@ def test_a_folder_that_was_made_for_nothing_is_gone_again_and_no_other(tmp_path:
         raise InputError("", "clip", "is damaged")
     assert [path.name for path in tmp_path.iterdir()] == ["there"]
     assert list((tmp_path / "there").iterdir()) == []
+
+
+@contextmanager
+def nobody() -> Iterator[None]:
+    """Within, files are opened as by one who owns none of them, though the superuser runs the tests."""
+    if os.geteuid() != 0:
+        yield
+        return
+    os.seteuid(65534)
+    try:
+        yield
+    finally:
+        os.seteuid(0)
+
+
+def test_a_lock_that_may_only_be_read_is_held_all_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fcntl = pytest.importorskip("fcntl")
+    (tmp_path / "pins.lock").touch(0o444)
+    tmp_path.chmod(0o555)
+    monkeypatch.chdir(tmp_path)  # from where what lies here is reached, whoever owns the folders above
+    try:
+        with nobody(), in_turn(Path("pins.lock")), Path("pins.lock").open() as other, pytest.raises(BlockingIOError):
+            fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        with nobody(), pytest.raises(PermissionError, match="missing"), in_turn(Path("missing.lock")):
+            pass
+    finally:
+        tmp_path.chmod(0o700)
 
 
 def test_who_takes_its_turn_waits_for_the_first(tmp_path: Path) -> None:
