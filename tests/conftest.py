@@ -201,6 +201,14 @@ def _child_seconds() -> float:
     return used.ru_utime + used.ru_stime
 
 
+@pytest.fixture
+def room() -> Iterator[Callable[[int], None]]:
+    """Let no file become larger than so many bytes, as on a full disk, until the test ends."""
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, usual[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+
+
 @pytest.fixture(scope="session")
 def tiny_run(cache: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a finished run on the built-in scenes; copy it before you damage it."""

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from .shared import STOPS, Allow, Json, Quiet, show, stopped, tell, unused_plugins
+from .shared import Allow, Json, Quiet, goes_on, show, tell, unused_plugins
 
 
 def ablate(
@@ -53,12 +53,9 @@ def ablate(
     from ..progress import progress
 
     folder = out or Path("outputs") / "ablations" / sweep.name
-    try:
-        with progress(quiet) as report:
-            command = shlex.join(["cltransfer", *sys.argv[1:]])
-            found = run(sweep, Options(folder, keep_runs, retry, tuple(allow_plugin or []), command), report)
-    except STOPS as stop:
-        stopped(stop, f"the same command goes on from here: {folder}")
+    with goes_on(lambda: f"the same command goes on from here: {folder}"), progress(quiet) as report:
+        command = shlex.join(["cltransfer", *sys.argv[1:]])
+        found = run(sweep, Options(folder, keep_runs, retry, tuple(allow_plugin or []), command), report)
     lines = [*markdown(found), "", str(folder)]
     if found.unkept:
         lines += [f"note: {found.unkept} trials had been run without --keep-runs; another --out keeps them all"]

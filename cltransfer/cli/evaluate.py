@@ -12,7 +12,7 @@ import typer
 
 from ..errors import InputError, UsageError
 from ..storage.run_files import refuse_run
-from .shared import STOPS, Allow, Config, Json, Quiet, check_keys, settings_of, show, stopped, tell, unused_plugins
+from .shared import Allow, Config, Json, Quiet, check_keys, goes_on, settings_of, show, tell, unused_plugins
 
 SCORING = ("frames", "renderer", "extractors", "losses", "threads", "preset")  # keys of the config that it looks at
 
@@ -236,12 +236,11 @@ def evaluate_folders(
     from ..evaluate_table import methods_json, methods_markdown, write_methods
     from ..progress import progress
 
-    try:
-        with progress(quiet) as report:
-            rows = evaluate_many(references, methods, settings, report, out)
-    except STOPS as stop:
-        kept = out is not None and (out / KEPT).is_file()
-        stopped(stop, f"the same command goes on from here: {out}" * kept)
+    def way_on() -> str:
+        return f"the same command goes on from here: {out}" * (out is not None and (out / KEPT).is_file())
+
+    with goes_on(way_on), progress(quiet) as report:
+        rows = evaluate_many(references, methods, settings, report, out)
     summary = summarise(rows, settings.seed, worst_of(settings, rows))
     against = differences(rows)
     unknown = left_over(references, methods)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .shared import STOPS, Allow, Json, Quiet, show, stopped, tell
+from .shared import Allow, Json, Quiet, goes_on, show, tell
 
 if TYPE_CHECKING:
     from ..fit import Fitter
@@ -71,12 +71,13 @@ def fit(
     from ..storage.alone import alone
 
     set_threads(thread_count(), tensors=thread_count())
-    try:
-        with alone(out, "fits a scene"):
-            levels, notes, up = _fit_into(out, fitter, posed, as_json, quiet)
-    except STOPS as stop:
+
+    def way_on() -> str:
         begun = representation in OURS and (out / STATE).is_file()
-        stopped(stop, f"the same command {OURS[representation][2]}: {out}" if begun else "")
+        return f"the same command {OURS[representation][2]}: {out}" if begun else ""
+
+    with goes_on(way_on), alone(out, "fits a scene"):
+        levels, notes, up = _fit_into(out, fitter, posed, as_json, quiet)
     values = {"folder": str(out), "levels": [asdict(level) for level in levels], "notes": notes, "up": up}
     lines = [f"{v.cells:>9,} cells {v.psnr:6.2f} dB {v.seconds:6.0f} s{'' if v.kept else '  not kept'}" for v in levels]
     show(values, "\n".join([*lines, f"{out}{_command(out, representation, up)}"]), as_json)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
 
-from ..errors import UsageError
+from ..errors import ResourceError, UsageError
 
 Allow = Annotated[
     list[str] | None,
@@ -61,6 +61,32 @@ def stopped(stop: BaseException, way_on: str = "") -> NoReturn:
     """End with the line and the exit code of one of :data:`STOPS`, and how the work goes on from there."""
     word, code = ("terminated", 143) if isinstance(stop, Terminated) else ("interrupted", 130)
     fail(word + f" ({way_on})" * bool(way_on), code)
+
+
+@contextlib.contextmanager
+def goes_on(way_on: Callable[[], str]) -> Iterator[None]:
+    """Whatever stops the work within from outside, a signal or a full disk, is told with how it goes on from there.
+
+    Args:
+        way_on: asked when it was stopped; empty where nothing was begun.
+
+    Raises:
+        ResourceError: a file cannot be written or read.
+    """
+    try:
+        yield
+    except STOPS as stop:
+        stopped(stop, way_on())
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        if not (way := way_on()):
+            raise
+        raise ResourceError(error.filename or "", "", str(error.strerror or error), way) from error
+    except ResourceError as error:  # which the system may have said; what has a hint is told as it is
+        if error.hint or not isinstance(error.__context__, OSError) or not (way := way_on()):
+            raise
+        raise ResourceError(error.where, error.field, error.reason, way) from error
 
 
 def show(values: Any, text: str, as_json: bool) -> None:

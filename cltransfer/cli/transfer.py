@@ -13,7 +13,6 @@ import typer
 
 from ..errors import UsageError
 from .shared import (
-    STOPS,
     Allow,
     Config,
     Json,
@@ -21,9 +20,9 @@ from .shared import (
     Quiet,
     Up,
     check_keys,
+    goes_on,
     settings_of,
     show,
-    stopped,
     tell,
     unused_plugins,
     up_of,
@@ -146,17 +145,18 @@ def _run_into(
 
     open_run(folder, resumed)
     record = Record(folder / JOURNAL, resumed)
-    try:
-        with alone(folder, "writes a run", "--resume" if resumed else "--out"):
-            if not (resumed or quiet):
-                _tell_replaced(folder)
-            set_threads(settings.threads or default_count())  # of what is written too
-            with progress(quiet) as report:
-                result = run(inputs, settings, report, record)
-                return write_run(folder, result, inputs, settings, plugins)
-    except STOPS as stop:
+
+    def way_on() -> str:
         begun = record.ours and not (folder / DONE).is_file()
-        stopped(stop, f"the same command with --resume {shlex.quote(str(folder))} goes on from here" * begun)
+        return f"the same command with --resume {shlex.quote(str(folder))} goes on from here" * begun
+
+    with goes_on(way_on), alone(folder, "writes a run", "--resume" if resumed else "--out"):
+        if not (resumed or quiet):
+            _tell_replaced(folder)
+        set_threads(settings.threads or default_count())  # of what is written too
+        with progress(quiet) as report:
+            result = run(inputs, settings, report, record)
+            return write_run(folder, result, inputs, settings, plugins)
 
 
 def _tell_replaced(folder: Path) -> None:

@@ -37,7 +37,7 @@ from ..camera import Camera
 from ..computer.memory import require_parsed
 from ..errors import InputError, ResourceError
 from ..features import Features
-from ..storage.files import JSON_LIMIT
+from ..storage.files import JSON_LIMIT, written
 from .journal_header import compare, same_command
 
 _FRAME = struct.Struct("<II")  # length, crc32 of the payload
@@ -172,11 +172,12 @@ class Journal:
             self._waiting.append(record)
 
     def _write(self, records: bytes, lasting: bool) -> None:
-        self._stream.write(records)
-        self._stream.flush()
-        if lasting or time.monotonic() - self._synced >= SYNC:
-            os.fsync(self._stream.fileno())
-            self._synced = time.monotonic()
+        with written(self.path):
+            self._stream.write(records)
+            self._stream.flush()
+            if lasting or time.monotonic() - self._synced >= SYNC:
+                os.fsync(self._stream.fileno())
+                self._synced = time.monotonic()
 
 
 def _coded(header: Mapping[str, object]) -> bytes:

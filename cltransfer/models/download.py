@@ -10,7 +10,7 @@ from urllib.parse import urljoin, urlsplit
 
 from ..progress import Progress
 from ..storage.alone import in_turn
-from ..storage.files import atomic, content_hash
+from ..storage.files import atomic, content_hash, written
 from .catalogue import LARGEST, Entry, entry_of_file, pin, pinned, pinned_file
 
 if TYPE_CHECKING:
@@ -146,7 +146,8 @@ class Resuming:
                 there += len(block)
                 if there > limit:
                     break
-                stream.write(block)
+                with written(self.part):
+                    stream.write(block)
                 self.progress(self.entry.file, there, total)
         if there > limit:
             self.part.unlink()

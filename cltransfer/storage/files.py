@@ -27,6 +27,17 @@ _log = logging.getLogger("cltransfer")
 
 
 @contextlib.contextmanager
+def written(path: Path) -> Iterator[None]:
+    """What the system says of a write, a flush or a sync in the block is told of ``path``, which it does not name."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None or error.filename is not None:
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from None
+
+
+@contextlib.contextmanager
 def atomic(path: Path, lasting: bool = True) -> Iterator[Path]:
     """Temporary name beside ``path`` that becomes ``path`` only if the block ends well.
 
@@ -44,16 +55,17 @@ def atomic(path: Path, lasting: bool = True) -> Iterator[Path]:
     own = f"{os.getpid()}-{secrets.token_hex(4)}"  # threads share a number, and so do containers that share a folder
     temporary = path.with_name(f".tmp-{own}-{path.name}")
     try:
-        usual = _usual_mode(path.with_name(f".new-{own}-{path.name}"))
-        yield temporary
-        if stat.S_IMODE(temporary.stat().st_mode) != usual:
-            temporary.chmod(usual)
-        if lasting:
-            _sync(temporary, os.O_RDWR)  # Windows syncs nothing that is open to be read alone
-        os.replace(temporary, path)
-        if lasting:
-            with contextlib.suppress(OSError):  # a folder that may be written but not read, a drive that syncs none
-                _sync(path.parent, os.O_RDONLY)
+        with written(path):
+            usual = _usual_mode(path.with_name(f".new-{own}-{path.name}"))
+            yield temporary
+            if stat.S_IMODE(temporary.stat().st_mode) != usual:
+                temporary.chmod(usual)
+            if lasting:
+                _sync(temporary, os.O_RDWR)  # Windows syncs nothing that is open to be read alone
+            os.replace(temporary, path)
+            if lasting:
+                with contextlib.suppress(OSError):  # a folder that may be written but not read, a drive that syncs none
+                    _sync(path.parent, os.O_RDONLY)
     finally:
         temporary.unlink(missing_ok=True)
 

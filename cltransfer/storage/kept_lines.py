@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..errors import InputError
-from .files import check_size, refuse_link
+from .files import check_size, refuse_link, written
 
 LONGEST = 2**22  # bytes; a row of 2,000 frames takes about 700 kB
 STRIDE = 2**20  # bytes that are read before it is asked again what is free, which takes 0.1 ms
@@ -64,7 +64,7 @@ def read_kept(
 def keep(path: Path, value: Any) -> None:
     """Add a line for ``value``, plain JSON without NaN; it is on the disk when this returns."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("ab") as stream:
+    with written(path), path.open("ab") as stream:
         stream.write(json.dumps(value, allow_nan=False).encode() + b"\n")
         stream.flush()
         os.fsync(stream.fileno())

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from cltransfer.cli.shared import goes_on
 from cltransfer.storage.alone import alone
+from cltransfer.storage.run_files import FRAMES, JOURNAL
 
 TINY = ("preset=fast", "frames=1", "search_side=48", "output_side=64")
 
@@ -44,3 +47,23 @@ def test_a_run_is_locked_until_it_is_written(command: Any, tmp_path: Path, monke
 def test_a_command_that_cannot_begin_leaves_no_folder(command: Any, tmp_path: Path) -> None:
     assert command("transfer", "missing.ply", *TINY, "--out", tmp_path / "runs" / "first").code == 3
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_that_finds_no_more_room_names_the_file_and_how_it_goes_on(
+    command: Any, tiny_run: Path, tmp_path: Path, room: Callable[[int], None]
+) -> None:
+    words, run = ("transfer", "-c", tiny_run / "config.yaml", "-q"), tmp_path / "a run"
+    way = f"(the same command with --resume '{run}' goes on from here)"
+    room((tiny_run / JOURNAL).stat().st_size - 1)
+    said = command(*words, "--out", run)
+    assert (said.code, said.err) == (5, f"error: {run / JOURNAL}: File too large {way}\n")
+    room((tiny_run / FRAMES).stat().st_size - 1)
+    said = command(*words, "--resume", run)
+    assert said.code == 5
+    assert said.err.startswith(f"error: {run}/")
+    assert said.err.endswith(f"{way}\n")
+
+
+def test_where_nothing_was_begun_the_system_is_told_as_it_is(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError), goes_on(lambda: ""):
+        (tmp_path / "a").open()

@@ -89,7 +89,7 @@ def test_every_folder_that_is_written_is_of_a_kind() -> None:
         "models",
         "pins.json",
         "f'{self.kind}s'",
-        "f'{entry.path.name}.part.lock'",
+        "f'{self.path.name}.part.lock'",
         "kind",
         "row.kind",
     }

@@ -7,7 +7,7 @@ import errno
 import io
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -75,6 +75,14 @@ def test_a_file_that_cannot_be_brought_to_the_disk_does_not_replace_the_old_one(
     with pytest.raises(OSError, match="Input/output"):
         write_text(tmp_path / "a.txt", "new")
     assert [path.read_text() for path in tmp_path.iterdir()] == ["old"]
+
+
+def test_a_file_that_has_no_room_is_named(tmp_path: Path, room: Callable[[int], None]) -> None:
+    room(100)
+    with pytest.raises(OSError, match="too large") as caught:
+        write_text(tmp_path / "a.txt", "a" * 200)
+    assert caught.value.filename == str(tmp_path / "a.txt")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_file_that_fails_half_way_is_not_there_and_the_old_one_is(tmp_path: Path) -> None:

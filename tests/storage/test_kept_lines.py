@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,16 @@ def test_what_was_kept_comes_back_in_order_and_nothing_where_nothing_was(tmp_pat
     for name in "ba":
         keep(path, {"name": name})
     assert read(path) == ["b", "a"]
+
+
+def test_a_line_that_has_no_room_is_told_with_its_file(tmp_path: Path, room: Callable[[int], None]) -> None:
+    path = tmp_path / "names.jsonl"
+    room(100)
+    keep(path, {"name": "a"})
+    with pytest.raises(OSError, match="too large") as caught:
+        keep(path, {"name": "b" * 100})
+    assert caught.value.filename == str(path)
+    assert read(path) == ["a"]
 
 
 def test_a_line_cut_off_at_any_byte_is_left_out_and_the_next_one_is_whole(tmp_path: Path) -> None:
