@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -21,6 +22,7 @@ from ..report.tables import escape, to_latex, to_markdown
 from ..storage.alone import alone
 from ..storage.files import check_out, refuse_outside, write_json, write_text
 from ..storage.run_files import DONE
+from ..storage.unfinished import clear_left, left_in
 from .content import Digest, digests, plugin_codes
 from .drawn import DRAWN_REFERENCES, draw_references
 from .ledger import append, read_ledger
@@ -38,6 +40,7 @@ _log = logging.getLogger("cltransfer")
 LEDGER, FILE = "trials.jsonl", "ablation.yaml"
 MARK = "# made by: "  # how an ablation.yaml that was written here begins
 TABLES = ("table.csv", "table.md", "table.tex", "summary.json")
+WRITTEN = re.compile("|".join(map(re.escape, (FILE, *TABLES))))
 
 
 @dataclass(frozen=True)
@@ -113,6 +116,7 @@ def ablate(sweep: Sweep, options: Options, progress: Progress = silent) -> Ablat
 
 def _run(sweep: Sweep, options: Options, digest: Digest, notes: Sequence[str], progress: Progress) -> Ablation:
     """Run what is missing of a sweep that can be run, in a folder that is held; ``notes`` are told before that."""
+    clear_left(options.out, WRITTEN)
     asked = trials(sweep, draw_references(sweep, options.out), digest)
     made_by = " ".join(options.command.split()) or "cltransfer.ablate"
     _tell_replaced(options.out, sweep)
@@ -157,7 +161,7 @@ def _tell_replaced(out: Path, sweep: Sweep) -> None:
 
 def _check_folder(out: Path) -> None:
     check_out(out)
-    there = {path.name for path in out.iterdir()} if out.is_dir() else set()
+    there = {path.name for path in {*out.iterdir()} - {*left_in(out, WRITTEN)}} if out.is_dir() else set()
     ours = LEDGER in there or (FILE in there and _is_marked(out / FILE))  # a file of that name may be the user's own
     if not there <= {DRAWN_REFERENCES} and not ours:  # what is drawn comes first
         raise UsageError(out, "--out", "is neither empty nor an ablation", "name another folder")

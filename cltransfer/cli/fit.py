@@ -64,11 +64,12 @@ def fit(
     allow(allow_plugin or [])
     fitter = FITTERS.build(representation, parse_overrides(overrides or []))
     fitter.require()
-    from ..fit._folder import STATE, check_folder
+    from ..fit._folder import STATE, WRITTEN, check_folder
 
     check_folder(out)
     from ..computer.threads import set_threads, thread_count
     from ..storage.alone import alone
+    from ..storage.unfinished import clear_left
 
     set_threads(thread_count(), tensors=thread_count())
 
@@ -77,6 +78,7 @@ def fit(
         return f"the same command {OURS[representation][2]}: {out}" if begun else ""
 
     with goes_on(way_on), alone(out, "fits a scene"):
+        clear_left(out, WRITTEN)
         levels, notes, up = _fit_into(out, fitter, posed, as_json, quiet)
     values = {"folder": str(out), "levels": [asdict(level) for level in levels], "notes": notes, "up": up}
     lines = [f"{v.cells:>9,} cells {v.psnr:6.2f} dB {v.seconds:6.0f} s{'' if v.kept else '  not kept'}" for v in levels]

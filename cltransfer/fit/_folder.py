@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -9,9 +10,11 @@ from typing import Any
 
 from ..errors import InputError, UsageError
 from ..storage.files import check_out, read_json, write_json
+from ..storage.unfinished import holds_others, left_in
 from ._curve import Level
 
 STATE = "fit.json"
+WRITTEN = re.compile(r"fit\.json|curve\.(csv|svg)|splats\.ply|(grid|level_\d+)\.safetensors")  # by fits of ours
 
 
 def check_folder(folder: Path) -> None:
@@ -21,7 +24,7 @@ def check_folder(folder: Path) -> None:
         UsageError: it is no folder, or neither empty nor a fit.
     """
     check_out(folder)
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / STATE).is_file():
+    if holds_others(folder, WRITTEN) and not (folder / STATE).is_file():
         raise UsageError(folder, "--out", f"is neither empty nor a fit, it has no {STATE}", "name another folder")
 
 
@@ -47,7 +50,8 @@ def begun(folder: Path, key: Mapping[str, Any], scene: str) -> list[Level]:
     try:
         if {name: state.get(name) for name in key} == key:
             return _with_scene(folder, [Level(**level) for level in state["levels"]], scene)
-        if state.get("levels") == [] and [path.name for path in folder.iterdir()] == [STATE]:
+        there = set(folder.iterdir()) - set(left_in(folder, WRITTEN))
+        if state.get("levels") == [] and there == {folder / STATE}:
             return []
     except (AttributeError, KeyError, TypeError):
         raise InputError(folder / STATE, "", "is not the state of a fit", "choose another folder") from None

@@ -79,12 +79,6 @@ def _sync(path: Path, mode: int) -> None:
         os.close(handle)
 
 
-def temporaries(path: Path) -> list[Path]:
-    """What writers of ``path`` that were killed have left beside it."""
-    named = re.compile(rf"\.(tmp|new)-\d+-[0-9a-f]{{8}}-{re.escape(path.name)}")
-    return [one for one in sorted(path.parent.glob(".*-*")) if named.fullmatch(one.name)]
-
-
 def _usual_mode(path: Path) -> int:
     """Permissions that a new file gets at ``path``, where none is left; the umask can only be asked by setting it."""
     with path.open("ab") as stream:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from ..errors import UsageError
 from .files import check_out, refuse_outside
+from .unfinished import holds_others
 
 INDEX = "index.html"
 HEAD = 4096  # bytes of a page within which its mark stands
@@ -19,7 +21,7 @@ def check_page(out: Path, mark: str, what: str) -> None:
         InputError: a part of it leads elsewhere; somebody else may have made the page.
     """
     check_out(out)
-    if out.is_dir() and any(out.iterdir()) and not _is_page(out / INDEX, mark):
+    if holds_others(out, re.compile(re.escape(INDEX))) and not _is_page(out / INDEX, mark):
         raise UsageError(out, "--out", f"is neither empty nor {what}", "name another folder")
     refuse_outside(out, out.rglob("*"), "page")
 

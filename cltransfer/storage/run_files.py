@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 from collections.abc import Iterable
 from pathlib import Path
 
 from ..errors import InputError, UsageError
-from .files import check_out, read_json, refuse_outside, same_file, temporaries
+from .files import check_out, read_json, refuse_outside, same_file
+from .unfinished import holds_others, temporaries
 
 FORMAT = "cltransfer.run"  # what the manifest of a run says it is
 MANIFEST, CONFIG, JOURNAL, DONE = "manifest.json", "config.yaml", "journal.bin", "DONE"
@@ -113,7 +115,7 @@ def open_run(folder: Path, resume: bool = False) -> Path:
     _refuse_links(folder)
     if resume and not (folder / JOURNAL).is_file():
         raise UsageError(folder, "--resume", f"expected the folder of a run, it has no {JOURNAL}", "begin one: --out")
-    if folder.is_dir() and not is_run(folder) and set(folder.iterdir()) - set(temporaries(folder / MANIFEST)):
+    if not is_run(folder) and holds_others(folder, re.compile(re.escape(MANIFEST))):
         option = "--resume" if resume else "--out"
         raise UsageError(folder, option, "is neither empty nor a run", "name another folder")
     return folder

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import shlex
 import shutil
 from collections.abc import Sequence
@@ -25,12 +26,15 @@ from ..clips.source import ClipSource
 from ..errors import UsageError
 from ..report.policy import csp_hash
 from ..report.template import rendered
+from ..storage.alone import alone
 from ..storage.files import write_json, write_text
 from ..storage.pages import INDEX, check_page
+from ..storage.unfinished import clear_left
 from .design import NO_STUDY, QUESTIONS, Study, design
 from .folder import MARK, check_key, key_of
 from .shown import Shown, clip_of, digest_of, kept, reference_of, source_of
 
+FILES = re.compile(r"index\.html|README\.txt")  # that are written into the folder under a temporary name
 SIDE = 720  # largest height of a video [px]
 WRITTEN = 946_684_800  # [s] when every video is said to have been: the year 2000, since a zip holds none before 1980
 
@@ -77,8 +81,9 @@ def build_study(wanted: Wanted, out: Path) -> tuple[Study, Path]:
     for i, group in enumerate(groups):
         _check_apart(group, content[i * len(group) :])
     check_key(out, study)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(prefix=".tmp-", dir=out.parent) as made:  # a clip that cannot be read leaves no half a page
+    # apart: a clip that cannot be read leaves no half a page
+    with alone(out, "makes a page"), TemporaryDirectory(prefix=".tmp-", dir=out.parent) as made:
+        clear_left(out, FILES)
         for sample, group, reference in zip_longest(samples, groups, references):
             _write_sample(Path(made), study, sample, group, reference)
         # first: a page without one is worth nothing
@@ -88,7 +93,7 @@ def build_study(wanted: Wanted, out: Path) -> tuple[Study, Path]:
         for video in Path(made).iterdir():
             os.utime(video, (WRITTEN, WRITTEN))  # the order in which they were made would tell methods apart
             shutil.move(video, out / "videos" / video.name)  # a folder that is mounted lies on another disk
-    write_text(out / "README.txt", _readme(study, out))
+        write_text(out / "README.txt", _readme(study, out))
     return study, key_of(out)
 
 

@@ -413,7 +413,11 @@ def test_what_cannot_be_run_is_refused_before_anything_is_written(
     assert not out.exists()
     typo = command("ablate", sweep_file("{a: {}}"), "--out", out, "references=['drawn:pan']", "scenes=[nope.ply]")
     assert "nope.ply: no such file" in typo.err
+    out.mkdir(exist_ok=True)
+    left = out / ".tmp-7-0123abcd-ablation.yaml"
+    left.touch()  # by a sweep that was killed as it wrote
     assert command("ablate", sweep_file("{a: {}}"), "--out", out, "references=['drawn:pan']", "frames=1").code == 0
+    assert not left.exists()
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "thesis.tex").write_text("")
     taken = command("ablate", sweep_file("{a: {}}"), "--out", tmp_path / "other")

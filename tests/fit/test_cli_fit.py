@@ -48,6 +48,8 @@ def posed(views, tmp_path):
 
 def test_a_posed_set_becomes_a_scene_that_loads(posed, tmp_path):
     options = ["first=2000", "most=2000", "steps=40", "look=20", "rays=256", "degree=0"]
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / ".tmp-7-0123abcd-fit.json").touch()  # by a fit that was killed as it wrote
     got = CliRunner().invoke(app, ["fit", str(posed), "-o", str(tmp_path / "out"), "--json", "-q", *options])
     assert got.exit_code == 0, got.output
     told = json.loads(got.stdout)
@@ -57,6 +59,7 @@ def test_a_posed_set_becomes_a_scene_that_loads(posed, tmp_path):
     assert level["steps"] == 40
     assert level["psnr"] > 12
     assert isinstance(load_scene(tmp_path / "out" / "grid.safetensors").geometry, NerfGrid)
+    assert not list((tmp_path / "out").glob(".tmp-*"))
 
 
 @pytest.mark.parametrize("as_json", [False, True])

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from cltransfer.errors import InputError, ResourceError, UsageError
-from cltransfer.fit import nerf_grid
+from cltransfer.fit import gaussian_splats, nerf_grid
 from cltransfer.fit._curve import Level
-from cltransfer.fit._folder import begun, write_state
+from cltransfer.fit._folder import WRITTEN, begun, check_folder, write_state
 from cltransfer.fit._views import Views
 from cltransfer.fit.nerf_grid import NerfGridFit
 
@@ -32,6 +32,22 @@ def test_a_folder_in_which_nothing_was_left_is_anybody_s(tmp_path: Path) -> None
     assert begun(tmp_path, KEY, "grid") == []
     with pytest.raises(UsageError, match="holds a fit with other options or views"):
         begun(tmp_path, OTHER, "grid")
+
+
+def test_a_folder_in_which_a_fit_was_killed_as_it_wrote_is_anybody_s(tmp_path: Path) -> None:
+    for name in ("fit.json", "level_0.safetensors", "grid.safetensors"):
+        (tmp_path / f".tmp-7-0123abcd-{name}").touch()
+    check_folder(tmp_path)
+    write_state(tmp_path, KEY, [])
+    assert begun(tmp_path, OTHER, "grid") == []
+    (tmp_path / ".tmp-7-0123abcd-thesis.tex").touch()
+    with pytest.raises(UsageError, match="holds a fit with other options or views"):
+        begun(tmp_path, OTHER, "grid")
+
+
+def test_the_files_of_fits_are_those_that_they_write() -> None:
+    names = ("fit.json", "curve.csv", "curve.svg", gaussian_splats.SCENE, nerf_grid.GRID, "level_0.safetensors")
+    assert all(WRITTEN.fullmatch(name) for name in names)
 
 
 def test_a_folder_with_a_level_is_not_taken_over_though_the_scene_is_gone(tmp_path: Path) -> None:

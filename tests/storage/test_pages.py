@@ -19,6 +19,11 @@ def test_an_empty_folder_and_an_own_page_are_taken(tmp_path: Path) -> None:
     check_page(tmp_path, "cltransfer study", "a page")
 
 
+def test_a_folder_whose_page_was_being_written_is_taken(tmp_path: Path) -> None:
+    (tmp_path / f".tmp-7-0123abcd-{INDEX}").touch()
+    check_page(tmp_path, "cltransfer study", "a page")
+
+
 @pytest.mark.parametrize(
     ("name", "text"),
     [("notes.txt", OURS), (INDEX, "mine"), (INDEX, OURS.replace("study", "inspect")), (INDEX, " " * HEAD + OURS)],

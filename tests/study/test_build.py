@@ -231,7 +231,11 @@ def test_a_page_that_failed_part_way_leaves_nothing_and_can_be_made_again(clips:
         build_study(clips, out)
     assert {p.name for p in tmp_path.iterdir()} == before
     last.write_bytes(whole)
+    out.mkdir()
+    left = out / ".tmp-7-0123abcd-index.html"
+    left.touch()  # by one that was killed as it wrote
     made = build_study(clips, out)
+    assert not left.exists()
     (out / "videos" / "mine.mp4").write_bytes(b"")
     os.utime(out / "videos" / "mine.mp4", (7, 7))
     assert build_study(clips, out) == made
