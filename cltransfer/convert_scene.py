@@ -18,6 +18,7 @@ from .scenes.floaters import without_floaters
 from .scenes.load import load_scene
 from .scenes.meshes.compose import part_files
 from .scenes.meshes.mesh import Mesh
+from .scenes.nerf_grid import FORMAT as GRID
 from .scenes.nerf_grid import write_grid
 from .scenes.person.lifted import save_labels
 from .scenes.ply import write_splats
@@ -25,11 +26,17 @@ from .scenes.posed import named_camera, read_posed
 from .scenes.simplify import importance, merged, subset, weighing_views
 from .scenes.splats import Splats
 from .storage.files import check_out_file, read_json, same_file
+from .storage.foreign import refuse_foreign
 from .storage.run_files import SUBJECT, is_run
 from .subject import Subject
 from .trajectory import FORMAT, Trajectory
 
 Representation = Literal["gaussian_splats", "nerf_grid"]
+
+MARKS = {  # of what was baked: splats without normals, which no mesh is and few trainers write, and grids
+    ".ply": "property float z\nproperty float f_dc_0\n",
+    ".safetensors": GRID,
+}
 
 _log = logging.getLogger("cltransfer")
 
@@ -155,7 +162,7 @@ def bake_to_folder(
         progress: is told what is done.
 
     Raises:
-        UsageError: the scene is not a mesh.
+        UsageError: the scene is not a mesh, or a file that was not baked here would be replaced.
         InputError: it cannot be read, or has no area.
         ResourceError: what is to be made of it takes more memory than is free.
     """
@@ -169,6 +176,7 @@ def bake_to_folder(
         raise InputError(source, "faces", f"expected an area, got {len(mesh)} faces without one")
     file = out / f"{scene.name}{'.ply' if representation == 'gaussian_splats' else '.safetensors'}"
     _refuse_source(file, source, part_files(Path(source)) if source.lower().endswith((".yaml", ".yml")) else ())
+    refuse_foreign(out, {file.name: MARKS[file.suffix]})
     progress("baking", 0, 0)
     if representation == "gaussian_splats":
         splats = bake_splats(mesh, *([] if detail is None else [detail]))

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from ..errors import InputError, UsageError
+from ..storage.foreign import OF_A_CLIP, OF_METHODS, refuse_foreign
 from ..storage.run_files import refuse_run
 from .shared import Allow, Config, Json, Quiet, check_keys, goes_on, settings_of, show, tell, unused_plugins
 
@@ -66,6 +67,7 @@ def evaluate(
     if out is not None:
         refuse_run(out, "metrics and report", "scores")
         _refuse_other_scores(out, bool(methods))
+        refuse_foreign(out, OF_METHODS if methods else OF_A_CLIP, ("methods.md", "methods.tex") if methods else ())
     from ..computer.threads import set_threads, thread_count
 
     set_threads(settings.threads or thread_count())

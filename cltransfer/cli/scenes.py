@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from ..errors import UsageError
+from ..storage.foreign import OF_A_PERSON, refuse_foreign
 from ..storage.run_files import refuse_run
 from .shared import Allow, Config, Json, Out, Quiet, Up, check_keys, settings_of, show, up_of
 
@@ -46,7 +47,7 @@ def lift(
     settings = settings_of(config, overrides or [], allow_plugin)
     check_keys(overrides or [], LIFTING, "a lift", "; --views for how many are looked from")
     from ..camera import VIEW_LIMIT
-    from ..lift_folder import Lifting, lift_lines, lift_to_folder
+    from ..lift_folder import SHEET, Lifting, lift_lines, lift_to_folder
     from ..progress import progress
     from ..run.folder import default_folder
     from ..scenes.person.lift import MINIMUM_VIEWS
@@ -56,6 +57,7 @@ def lift(
         raise UsageError("", "--views", f"expected {MINIMUM_VIEWS} to {VIEW_LIMIT}, got {views}")
     folder = out or default_folder(scene, "lift")
     refuse_run(folder, "subject and labels", "person")
+    refuse_foreign(folder, OF_A_PERSON, (SHEET,))
     wanted = Lifting(scene, up_of(up), tuple(view or ()), views, person)
     with progress(quiet) as report:
         found = lift_to_folder(wanted, settings, folder, lambda step: report(step, 0, 0))
@@ -126,6 +128,7 @@ def bake(
     if detail is not None and not 2 <= detail <= most:
         raise UsageError("", "--detail", f"expected 2 to {most}, got {detail}")
     refuse_run(out, "subject and labels", "baked")
+    refuse_foreign(out, OF_A_PERSON)
     from ..convert_scene import bake_to_folder
     from ..progress import progress
     from ..storage.run_files import SUBJECT

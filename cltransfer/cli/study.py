@@ -10,6 +10,7 @@ import typer
 
 from ..errors import UsageError
 from ..storage.files import check_out
+from ..storage.foreign import OF_A_STUDY, refuse_foreign
 from ..storage.pages import INDEX
 from .shared import Json, show
 
@@ -60,6 +61,8 @@ def study(
         _refuse({"--method": method, "--reference": reference, "--seed": seed}, "an analysis, only of a page")
         if key is None:
             raise UsageError("", "--key", "expected the key that was written beside the page")
+        if out is not None:
+            refuse_foreign(out, OF_A_STUDY)
         return _analyse([Path(path) for path in paths], key, out, as_json)
     for path in paths:
         if path.lower().endswith(".csv") and not Path(path).is_dir():
