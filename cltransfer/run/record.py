@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -32,14 +32,15 @@ class Record:
     Args:
         path: of the file.
         resume: go on with what is there.
+        ours: whether what lies there is of this run, which can go on from it.
     """
 
     path: Path
     resume: bool = False
+    ours: bool = field(init=False)
 
     def __post_init__(self) -> None:
         self.ours = self.resume
-        """Whether what lies at ``path`` is of this run, which can go on from there."""
 
     def open(self, header: dict[str, Any]) -> Journal:
         """The journal of a run that depends on ``header``; what another has left there stays until :meth:`settle`.
