@@ -181,8 +181,7 @@ def _round(at: _At, left: int) -> _At:
         there = nearest = at.reached(x)
         left -= 1
         if fades and left > 0 and float((at.totals > there.totals).double().mean()) not in (0.0, 1.0):
-            share = shares(there.totals < at.totals, at.clip.at)
-            part = at.reached(faded(at.x, there.x, share, at.moves.fixed))
+            part = at.reached(faded(at.x, there.x, there.totals < at.totals, at.clip.at, at.moves.fixed))
             left -= 1
             nearest = min(there, part, key=lambda a: a.cost)
         best = min(best, nearest, key=lambda a: a.true_cost)
@@ -196,22 +195,23 @@ def _round(at: _At, left: int) -> _At:
     return best
 
 
-def shares(gains: Tensor, at: Tensor | None = None) -> Tensor:
-    """How much of the way frames go, (N, 1): all where they gain by it, (N,) bool, fading out towards those that lose.
+def faded(x: Tensor, there: Tensor, gains: Tensor, at: Tensor | None = None, fixed: Tensor | None = None) -> Tensor:
+    """From x to ``there`` (N, D) where frames gain by it, (N,) bool, fading out towards those that lose.
 
-    ``at`` are the places of the frames, (N,); None are evenly spaced.
+    Args:
+        x: the path, (N, D).
+        there: where it would go, (N, D).
+        gains: which frames gain there, (N,) bool.
+        at: places of the frames, (N,); None are evenly spaced.
+        fixed: direction (D,) along which all frames still move alike; None is none.
     """
-    return along(gains.double()[:, None], BLEND, at).clamp(0, 1)  # the line that is fitted there goes on beyond either
-
-
-def faded(x: Tensor, there: Tensor, share: Tensor, fixed: Tensor | None = None) -> Tensor:
-    """From x to ``there`` (N, D) by a ``share`` (N, 1) of the way; along ``fixed`` (D,) the frames still move alike."""
+    share = along(gains.double()[:, None], BLEND, at).clamp(0, 1)  # a line is fitted, which goes on beyond either
     move = there - x
     if fixed is None:
         return x + share * move
-    at = int(fixed.abs().argmax())
+    column = int(fixed.abs().argmax())
     alike = torch.zeros_like(move)
-    alike[:, at] = move @ fixed / fixed[at]
+    alike[:, column] = move @ fixed / fixed[column]
     return x + alike + share * (move - alike)
 
 

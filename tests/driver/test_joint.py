@@ -11,7 +11,7 @@ from torch import Tensor
 
 from cltransfer.along_clip import along
 from cltransfer.config import load_config
-from cltransfer.driver.joint import WIDE, Effort, Moves, broyden, faded, refine_path, shares
+from cltransfer.driver.joint import WIDE, Effort, Moves, broyden, faded, refine_path
 from cltransfer.driver.jumps import Jumps
 from cltransfer.driver.refine import STEP
 from cltransfer.driver.spline import Local
@@ -187,10 +187,10 @@ def test_of_a_camera_that_stands_one_view_measures_what_others_are_like() -> Non
 
 
 def test_no_frame_goes_beyond_a_move_or_back_from_it() -> None:
-    share = shares(torch.tensor([True] * 5 + [False] * 4))[:, 0]
-    assert float(share.min()) == 0
-    assert float(share.max()) == 1
-    assert bool((share.diff() <= 0).all())
+    gains = torch.tensor([True] * 5 + [False] * 4)
+    moved = faded(torch.zeros(9, 1).double(), torch.ones(9, 1).double(), gains)[:, 0]
+    assert (float(moved.min()), float(moved.max())) == (0, 1)
+    assert bool((moved.diff() <= 0).all())
 
 
 def test_a_lens_that_is_kept_is_kept_by_a_move_that_fades_too() -> None:
@@ -198,9 +198,11 @@ def test_a_lens_that_is_kept_is_kept_by_a_move_that_fades_too() -> None:
     x, lens = torch.rand(6, 4).double(), torch.tensor([0.0, 1.0, -2.0, 0.0], dtype=torch.float64)
     move = torch.rand(6, 4).double()
     move[:, 1] = 0.3 + 2 * move[:, 2]  # all frames' lenses move by 0.3
-    share = torch.linspace(0, 1, 6).double()[:, None]
-    free, kept = faded(x, x + move, share) - x, faded(x, x + move, share, lens) - x
+    gains = torch.tensor([False, False, False, True, True, True])
+    free, kept = faded(x, x + move, gains) - x, faded(x, x + move, gains, fixed=lens) - x
+    share = (free / move)[:, :1]
     torch.testing.assert_close(free, share * move)
+    assert bool((share.diff(dim=0) >= 0).all())
     torch.testing.assert_close(kept @ lens, torch.full((6,), 0.3).double())
     torch.testing.assert_close(kept[:, [0, 3]], (share * move)[:, [0, 3]])
 
