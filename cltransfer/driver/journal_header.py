@@ -13,7 +13,8 @@ from ..errors import InputError
 VIEW = "the view of init"  # what a file holds that --init names
 PERSON = "person"  # who was lifted, or whom the file holds that --subject names
 ASKED = ("init", "subject", "scene", "reference", "part of the reference", "threads")  # what a command says, as config.
-THREADS = ("threads", "config.threads")  # of a computer, and in none of the answers but their last bits
+UPGRADED = ("versions", "code of cltransfer")  # from which it follows who is lifted where nobody is named
+OF_A_COMPUTER = (*UPGRADED, "threads", "config.threads", "networks run on", "unread of the reference")
 PRESET = "config.preset"  # from which other settings follow
 NAMED = 3  # settings that are named where several differ
 _DIGEST = re.compile("[0-9a-f]{32,}")
@@ -43,14 +44,15 @@ def compare(path: Path, recorded: object, header: Mapping[str, object]) -> None:
 def same_command(recorded: object, header: Mapping[str, object]) -> bool:
     """Whether a journal was begun by the command of ``header``: what it says, and what the files that it names held.
 
-    Threads, packages and code are those of a computer, and an option that one of them did not have was not said: by
-    another the run cannot go on, but it is the same one.
+    What is of a computer, or was not there in another version, is not said: by another the run cannot go on, but it is
+    the same one.
     """
     if not isinstance(recorded, dict):
         return False
     now = json.loads(json.dumps(header))
-    said = [key for key in now if (key.startswith("config.") or key in (*ASKED, VIEW)) and key not in THREADS]
-    return all(recorded[key] == now[key] for key in said if key in recorded)
+    others = {key for key in recorded.keys() & now.keys() if recorded[key] != now[key]}
+    follows = {PERSON} if others & {*UPGRADED} else set()
+    return others <= {*OF_A_COMPUTER, *follows}
 
 
 def _rank(key: str) -> tuple[bool, bool, str]:

@@ -72,10 +72,12 @@ def test_what_was_said_otherwise_is_named_before_what_cltransfer_is_made_of(tmp_
 
 def test_a_command_is_the_same_by_what_it_says_and_reads_on_whatever_computer() -> None:
     said = {"config.seed": 0, "config.threads": None, "init": "view.json", "scene": "a" * 64, "reference": "b" * 64}
-    begun = {**said, VIEW: 1, "threads": 2, "code of cltransfer": "c" * 64, "versions": {"a": "2"}, PERSON: "d" * 64}
-    elsewhere = {"config.threads": 8, "threads": 8, "code of cltransfer": "e" * 64, "versions": {}, PERSON: "f" * 64}
+    read = {VIEW: 1, PERSON: "d" * 64, "code of loss mine": "1" * 64, "network of pose": "2" * 64, "order": ["a", "b"]}
+    begun = {**said, **read, "threads": 2, "code of cltransfer": "c" * 64, "versions": {"a": "2"}}
+    elsewhere = {"config.threads": 8, "threads": 8, "code of cltransfer": "e" * 64, "versions": {}}
     assert same_command(begun, {**begun, **elsewhere})
+    assert same_command(begun, {**begun, **elsewhere, PERSON: "f" * 64})  # whom another version lifts
     assert same_command(begun, {**begun, "config.new": 1})  # which a later version has
-    for key, other in (("config.seed", 1), ("init", "auto"), (VIEW, 2), ("scene", "b" * 64), ("reference", "a" * 64)):
-        assert not same_command(begun, {**begun, key: other})
+    for key in ("config.seed", "init", "scene", "reference", *read):
+        assert not same_command(begun, {**begun, key: "another"})
     assert not same_command(["a journal"], begun)

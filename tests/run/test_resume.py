@@ -254,17 +254,21 @@ def test_a_run_that_was_killed_is_not_begun_anew_in_its_folder_nor_by_other_thre
 def test_a_command_that_is_refused_leaves_the_run_in_its_folder_as_it_was(
     command: Callable[..., Any], tiny_run: Path, tmp_path: Path
 ) -> None:
-    """By what is known last: an initial view within the person."""
+    """By what is known last: an initial view within the person, and that no view shows them."""
     run = shutil.copytree(tiny_run, tmp_path / "run")
     found, middle = Trajectory.load(run / "trajectory.json"), Subject.load(run / "subject.json").anchor
     w2c = found.camera.w2c.clone()
     w2c[:, :3, 3] = -(w2c[:, :3, :3] @ middle)
     Trajectory(replace(found.camera, w2c=w2c), found.times).save(tmp_path / "amid.json")
-    refused = command("transfer", "-c", tiny_run / "config.yaml", "-q", "--init", tmp_path / "amid.json", "--out", run)
-    assert refused.code == 3
-    assert "expected a camera beside the person, got one at the middle of the body" in refused.err
-    assert {path.name for path in tiny_run.iterdir()} == {path.name for path in run.iterdir()}
-    assert (run / JOURNAL).read_bytes() == (tiny_run / JOURNAL).read_bytes()
+    for words, told in (
+        (("--init", tmp_path / "amid.json"), "expected a camera beside the person, got one at the middle of the body"),
+        (("renderer.gaussian_splats.near=1000", "guide=0"), "no view around the subject shows it"),
+    ):
+        refused = command("transfer", "-c", tiny_run / "config.yaml", "-q", *words, "--out", run)
+        assert refused.code == 3
+        assert told in refused.err
+        assert {path.name for path in tiny_run.iterdir()} == {path.name for path in run.iterdir()}
+        assert (run / JOURNAL).read_bytes() == (tiny_run / JOURNAL).read_bytes()
 
 
 @dataclass(frozen=True)
