@@ -8,6 +8,7 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from ..along_clip import places
 from ..clips.thinned import evenly
 from ..computer.threads import default_count, set_threads, threads_restored
 from ..config.options import RunConfig
@@ -19,7 +20,7 @@ from ..pipeline.components import Components
 from ..progress import Progress, silent
 from ..reading.reference import Reading, about_shown, read_reference
 from ..reading.scene_source import is_scene
-from ..reading.tracks import turned_back
+from ..reading.tracks import righted
 from ..storage.run_files import SUBJECT, TRAJECTORY, is_run, require_done
 from ..subject import Subject
 from ..trajectory import Trajectory
@@ -71,7 +72,7 @@ def describe(
     motion = flow_motion(reference.features, reference.times)
     read = reference.features
     if reference.family != "scene":  # a scene's is exact
-        read = turned_back(read, reference.times)
+        read = righted(read, reference.times, places(reference.times))
     shown = describe_features(reference.name, read, reference.times, motion, reference.missing)
     lost = [f"the run has no {TRAJECTORY}: read from its frames, as a clip is"] if is_run(Path(source)) else []
     return replace(shown, flags=(*lost, *shown.flags, *reference.flags)), reference.image

@@ -44,11 +44,7 @@ def cleaned(features: Features, frames: float, at: Tensor | None = None, times: 
         return features
     new: dict[str, Any] = {}
     if features.has("orientation"):
-        turned = turned_back(features, times)
-        angles = turned.require("orientation").clone()
-        for i, led in leaps(turned, at, times).items():
-            angles[i] = led
-        new["orientation"] = _steady_angles(angles, frames, at)
+        new["orientation"] = _steady_angles(righted(features, times, at).require("orientation"), frames, at)
     if features.has("keypoints"):
         stretches = _stretches(visible_joints(frame_joints(features)))
         joints = features.require("keypoints").clone()
@@ -123,6 +119,17 @@ def repair_flips(yaw: Tensor, facing: Tensor | None = None, times: Tensor | None
     repaired = yaw.clone()
     repaired[known] = wrap(both[torch.arange(len(known)), torch.tensor(states[::-1])])
     return repaired
+
+
+def righted(features: Features, times: Tensor | None = None, at: Tensor | None = None) -> Features:
+    """The features of a clip without its errors: yaw flips repaired, ends that leap away led to; see :func:`leaps`."""
+    turned = turned_back(features, times)
+    found = leaps(turned, at, times)
+    if not found:
+        return turned
+    angles = turned.require("orientation").clone()
+    angles[list(found)] = torch.stack(list(found.values()))
+    return replace(turned, orientation=angles)
 
 
 def leaps(features: Features, at: Tensor | None = None, times: Tensor | None = None) -> dict[int, Tensor]:

@@ -33,7 +33,7 @@ from ..pipeline.scores import frame_totals
 from ..progress import Progress
 from ..reading.depth_alignment import DepthAlignment, align_parts, load_network, needs_scene
 from ..reading.reference import Reading, Reference, as_read, read_reference, times_field
-from ..reading.tracks import cleaned, turned_back
+from ..reading.tracks import cleaned, righted
 from ..registry.plugin_code import own_code
 from ..scenes import Scene
 from ..scenes.floaters import without_floaters
@@ -234,8 +234,9 @@ def noise_floor(objective: Objective, read: Features, wanted: Features, times: T
     """Total that the networks' jitter makes up: the reference as it was read against itself filtered.
 
     0 where it was not filtered. Nothing below it can be told apart. A frame read back to front is an error, no jitter,
-    and one that shows nothing tells none.
+    as a first or last one that leaps away is, and one that shows nothing tells none.
     """
-    terms = objective.terms(read if wanted is read else turned_back(read, times), wanted)
+    at = None if times is None else places(times)
+    terms = objective.terms(read if wanted is read else righted(read, times, at), wanted)
     defined = torch.isfinite(terms) & objective.defined(read)
     return float(frame_totals(objective, terms, defined).nanmean().nan_to_num(0.0))

@@ -50,6 +50,16 @@ def test_frames_that_show_nobody_tell_no_noise() -> None:
     assert noise_floor(objective, blank[12:], blank[12:]) == 0.0
 
 
+def test_a_first_angle_that_is_misread_is_an_error_and_no_noise() -> None:
+    losses = Components.build(load_config()).losses
+    objective, clip = Objective({name: losses[name] for name in KEPT}), jittery(12)
+    angles = clip.require("orientation").clone()
+    angles[0, 1] += 1.0
+    misread = replace(clip, orientation=angles)
+    noise = noise_floor(objective, clip, cleaned(clip, 1.0))
+    assert noise_floor(objective, misread, cleaned(misread, 1.0)) == pytest.approx(noise, rel=0.02)
+
+
 @pytest.mark.parametrize(
     ("scene", "renderer", "line"),
     [
