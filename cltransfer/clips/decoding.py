@@ -42,7 +42,7 @@ CODED = 64  # rows and columns that a coded frame may have beyond those that are
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
 VIDEOS = (".mp4", ".m4v", ".mov", ".3gp", ".mkv", ".webm", ".avi", ".ts", ".mts", ".m2ts")
 
-_JPEG = b"\xff\xd8"
+_JPEG, _GIF = b"\xff\xd8", b"GIF8"
 _DEMUXERS = {PNG: "png_pipe", _JPEG: "jpeg_pipe"}  # by the first bytes: browsers save one by the other's name
 _MIRRORED = (2, 4, 5, 7)
 _TURNS = {2: 2, 3: 2, 5: -1, 6: -1, 7: 1, 8: 1}  # quarter turns to the left, a mirrored one's rows reversed before
@@ -154,10 +154,13 @@ def _expected(path: Path) -> str:
         return f"{told}, a grid by a path through it: {shlex.quote(f'{path.name}@trajectory.json')}"
     if path.suffix.lower() in SCENE_SUFFIXES:
         return f"a scene is a reference by a path through it: {shlex.quote(f'{path.name}@trajectory.json')}"
+    with path.open("rb") as stream:
+        if stream.read(len(_GIF)) == _GIF:
+            return "GIF is not read: convert it to mp4 or PNGs"
+    kinds = "mp4, mov, mkv, webm, avi, ts, PNG or JPEG"
     if path.suffix.lower() in (*VIDEOS, *IMAGE_SUFFIXES):
-        return "the file is damaged or cut short: copy or download it anew"
-    gif = path.suffix.lower() == ".gif"
-    return "GIF is not read: convert it to mp4 or PNGs" if gif else "expected mp4, mov, mkv, webm, avi, ts, PNG or JPEG"
+        return f"if it is {kinds}, it is damaged or cut short: copy or download it anew"
+    return f"expected {kinds}"
 
 
 def _is_image(path: Path) -> bool:
