@@ -243,11 +243,11 @@ def evaluate_folders(
 
     with goes_on(way_on), progress(quiet) as report:
         rows = evaluate_many(references, methods, settings, report, out)
-    summary = summarise(rows, settings.seed, worst_of(settings, rows))
-    against = differences(rows)
-    unknown = left_over(references, methods)
-    if out is not None:
-        write_methods(out, rows, summary, against, unknown)
+        summary = summarise(rows, settings.seed, worst_of(settings, rows))
+        against = differences(rows)
+        unknown = left_over(references, methods)
+        if out is not None:
+            write_methods(out, rows, summary, against, unknown)
     lacking = [f"{row.method}, {row.clip}: {row.reason}" for row in rows if row.reason]
     notes = [f"note: {note}" for note in [*notes_of(rows), *unknown]]
     lines = [methods_markdown(summary, against), *lacking, *notes]
