@@ -12,7 +12,7 @@ from torch import Tensor
 
 from ..feature_shapes import on_grid
 from ..skeleton import VISIBLE
-from .picture import DRAWABLE, write_picture
+from .picture import DRAWABLE, pixel, write_picture
 
 if TYPE_CHECKING:
     from ..scenes.person.lift import Lift
@@ -59,11 +59,11 @@ def _tile(image: Tensor, found: Lift, view: int) -> np.ndarray:
     frame[mask] = (0.6 * frame[mask] + 0.4 * TINT).astype(np.uint8)
     for x, y, confidence in found.features.require("keypoints")[view].tolist():
         if confidence > VISIBLE:
-            cv2.circle(frame, (round(x), round(y)), 2, SEEN, -1, cv2.LINE_AA)
+            cv2.circle(frame, pixel(x, y), 2, SEEN, -1, cv2.LINE_AA)
     pixels, depth = found.cameras[view].project(found.subject.joints)
     shown = (pixels[0].abs() < DRAWABLE).all(-1) & (depth[0] > 0)  # false for what is not finite
     for x, y in pixels[0][shown].tolist():
-        cv2.circle(frame, (round(x), round(y)), 5, FOUND, 1, cv2.LINE_AA)
+        cv2.circle(frame, pixel(x, y), 5, FOUND, 1, cv2.LINE_AA)
     with_person = bool(torch.isfinite(found.features.require("box")[view, 0]))
     text = f"view {view}" if with_person else f"view {view}: no person"
     cv2.putText(frame, text, (8, 20), cv2.FONT_HERSHEY_DUPLEX, 0.5, (255, 255, 255), 1, cv2.LINE_AA)

@@ -12,7 +12,7 @@ from torch import Tensor
 from ..feature_shapes import on_grid
 from ..features import Features
 from ..skeleton import BONES, JOINTS, VISIBLE
-from .picture import DRAWABLE
+from .picture import DRAWABLE, pixel
 
 LEFT, RIGHT, MIDDLE = (80, 200, 255), (255, 120, 60), (255, 255, 255)  # RGB of the body's sides
 UNSURE = (150, 150, 150)
@@ -84,7 +84,7 @@ def _wheel_colors(flow: np.ndarray, fastest: float) -> np.ndarray:
 def _box(picture: np.ndarray, box: list[float], thick: int) -> None:
     if all(map(math.isfinite, box)):
         x, y, width, height = box[:4]
-        first, last = _pixel(x, y), (math.ceil(x + width) - 1, math.ceil(y + height) - 1)
+        first, last = pixel(x, y), (math.ceil(x + width) - 1, math.ceil(y + height) - 1)
         cv2.rectangle(picture, first, last, (255, 230, 0), thick)
 
 
@@ -93,17 +93,12 @@ def _skeleton(picture: np.ndarray, joints: list[list[float]], thick: int) -> Non
         if _placed(joints[a]) and _placed(joints[b]):
             sure = min(joints[a][2], joints[b][2]) > VISIBLE
             color = _side(a, b) if sure else UNSURE
-            start, end = _pixel(*joints[a][:2]), _pixel(*joints[b][:2])
+            start, end = pixel(*joints[a][:2]), pixel(*joints[b][:2])
             cv2.line(picture, start, end, color, 2 * thick if sure else thick, cv2.LINE_AA)
     for i, joint in enumerate(joints):
         if _placed(joint):
             color = _side(i, i) if joint[2] > VISIBLE else UNSURE
-            cv2.circle(picture, _pixel(*joint[:2]), 2 * thick + 1, color, -1, cv2.LINE_AA)
-
-
-def _pixel(x: float, y: float) -> tuple[int, int]:
-    """The pixel that a place lies in: OpenCV counts pixels, of which the first reaches from 0 to 1."""
-    return math.floor(x), math.floor(y)
+            cv2.circle(picture, pixel(*joint[:2]), 2 * thick + 1, color, -1, cv2.LINE_AA)
 
 
 def _placed(joint: list[float]) -> bool:

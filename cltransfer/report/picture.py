@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import cv2
@@ -12,6 +13,11 @@ from ..storage.files import atomic
 
 QUALITY = 92  # of a JPEG
 DRAWABLE = 30_000  # [px] from the picture's corner, up to which OpenCV can draw: its whole numbers end
+
+
+def pixel(x: float, y: float) -> tuple[int, int]:
+    """The pixel that a place lies in: OpenCV counts pixels, of which the first reaches from 0 to 1."""
+    return math.floor(x), math.floor(y)
 
 
 def write_picture(path: Path, picture: NDArray[np.uint8], lasting: bool = True) -> None:
