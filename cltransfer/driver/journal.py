@@ -1,7 +1,8 @@
 """The journal: what the losses make of whatever is rendered, appended and synced, so that a killed run goes on.
 
-An answer is in the file before it is given: a run that is killed loses what it was asked last. A loss of power may take
-all that was answered since the disk was last waited for (:data:`SYNC`); what remains of that is cut off.
+An answer is in the file before it is given, or, where another run is replaced, from the first frame on: a run that is
+killed loses what it was asked last. A loss of power may take all that was answered since the disk was last waited for
+(:data:`SYNC`); what remains of that is cut off.
 
 A run is deterministic, so nothing but the answers has to be kept: a resumed run asks the same questions in the same
 order and is answered from the journal until that ends. A question that is not the one recorded means another machine,
