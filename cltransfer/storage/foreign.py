@@ -40,13 +40,17 @@ def refuse_foreign(folder: Path, marks: Mapping[str, str], beside: Sequence[str]
     """
     ours = [name for name in marks if (folder / name).is_file()]
     for name in ours:
-        with (folder / name).open("rb") as stream:
-            head = stream.read(HEAD)
-        if head and marks[name].encode() not in head:
+        if (folder / name).stat().st_size and not head_holds(folder / name, marks[name]):
             raise _foreign(folder / name)
     for name in beside:
         if not ours and (folder / name).is_file():
             raise _foreign(folder / name)
+
+
+def head_holds(file: Path, mark: str) -> bool:
+    """Whether ``mark`` stands within the head of a file that is there."""
+    with file.open("rb") as stream:
+        return mark.encode() in stream.read(HEAD)
 
 
 def _foreign(file: Path) -> UsageError:

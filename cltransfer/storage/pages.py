@@ -7,10 +7,10 @@ from pathlib import Path
 
 from ..errors import UsageError
 from .files import check_out, refuse_outside
+from .foreign import head_holds
 from .unfinished import holds_others
 
 INDEX = "index.html"
-HEAD = 4096  # bytes of a page within which its mark stands
 
 
 def check_page(out: Path, mark: str, what: str) -> None:
@@ -21,13 +21,7 @@ def check_page(out: Path, mark: str, what: str) -> None:
         InputError: a part of it leads elsewhere; somebody else may have made the page.
     """
     check_out(out)
-    if holds_others(out, re.compile(re.escape(INDEX))) and not _is_page(out / INDEX, mark):
+    ours = (out / INDEX).is_file() and head_holds(out / INDEX, f'content="{mark}"')
+    if not ours and holds_others(out, re.compile(re.escape(INDEX))):
         raise UsageError(out, "--out", f"is neither empty nor {what}", "name another folder")
     refuse_outside(out, out.rglob("*"), "page")
-
-
-def _is_page(index: Path, mark: str) -> bool:
-    if not index.is_file():
-        return False
-    with index.open("rb") as stream:
-        return f'content="{mark}"'.encode() in stream.read(HEAD)

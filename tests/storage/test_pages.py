@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from cltransfer.errors import InputError, UsageError
-from cltransfer.storage.pages import HEAD, INDEX, check_page
+from cltransfer.storage.foreign import HEAD
+from cltransfer.storage.pages import INDEX, check_page
 
 OURS = '<!doctype html><meta name="generator" content="cltransfer study">'
 
