@@ -100,10 +100,10 @@ def _look(gltf: Gltf, about: dict[str, Any]) -> Look:
 
 
 def _factor(path: Path, about: dict[str, Any]) -> Array | None:
-    """Of :class:`Look`; trimesh works that of a glossy material out."""
-    stored = about.get("pbrMetallicRoughness", {}).get("baseColorFactor")
-    if stored is None or GLOSSY in about.get("extensions", {}):
+    """Of :class:`Look`: white where the material does not say; trimesh works that of a glossy one out."""
+    if GLOSSY in about.get("extensions", {}):
         return None
+    stored = about.get("pbrMetallicRoughness", {}).get("baseColorFactor", [1, 1, 1, 1])
     factor = np.array(stored, np.float64)
     if factor.shape != (4,) or not np.isfinite(factor).all():
         raise InputError(path, "materials", f"expected a baseColorFactor of four finite numbers, got {stored!r:.80}")

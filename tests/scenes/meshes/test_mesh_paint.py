@@ -72,6 +72,25 @@ def test_a_mesh_without_any_colour_beside_a_coloured_one_is_grey(bar, write_glb,
 
 
 @pytest.mark.parametrize(
+    "material",
+    [
+        {},
+        {"pbrMetallicRoughness": {"metallicFactor": 0}},
+        {"extensions": {"KHR_materials_unlit": {}}},
+        {"extensions": {"KHR_materials_pbrSpecularGlossiness": {}}},
+    ],
+)
+def test_a_material_without_a_base_colour_is_white(bar, write_glb, tmp_path, material):
+    tree, blob = bar()
+    first = tree["meshes"][0]["primitives"][0]
+    mesh = read_mesh(write_glb(tmp_path / "bar.glb", painted_with(tree, **material), blob)).mesh
+    assert mesh.colors.unique().tolist() == [1]
+    del first["material"]
+    mesh = read_mesh(write_glb(tmp_path / "bar.glb", tree, blob)).mesh
+    assert mesh.colors.unique().tolist() == [pytest.approx(GREY)]  # without a material no colour is said
+
+
+@pytest.mark.parametrize(
     ("values", "component", "accessor", "says"),
     [
         (np.full((4, 4), np.nan, "<f4"), 5126, {}, "expected finite numbers"),
