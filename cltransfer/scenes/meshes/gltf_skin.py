@@ -152,9 +152,10 @@ def _joint_matrices(gltf: Gltf, skin: dict[str, Any], world: list[Array]) -> Arr
     bound = np.broadcast_to(np.eye(4), (len(joints), 4, 4))
     if "inverseBindMatrices" in skin:
         stored = gltf.array(skin["inverseBindMatrices"])
-        if stored.shape != (len(joints), 16):
-            raise InputError(gltf.path, "skins", f"expected {len(joints)} inverse bind matrices, got {len(stored)}")
-        bound = stored.reshape(-1, 4, 4).transpose(0, 2, 1).astype(np.float64)
+        if stored.shape[1] != 16 or len(stored) < len(joints):
+            got = f"{len(stored)} of {stored.shape[1]} numbers"
+            raise InputError(gltf.path, "skins", f"expected {len(joints)} inverse bind matrices or more, got {got}")
+        bound = stored[: len(joints)].reshape(-1, 4, 4).transpose(0, 2, 1).astype(np.float64)
     return np.asarray(np.stack([world[joint] for joint in joints]) @ bound)
 
 

@@ -161,6 +161,8 @@ def damage(tree, what):
         del tree["meshes"][0]["primitives"][0]["attributes"]["WEIGHTS_0"]
     if what == "binds":
         tree["skins"][0]["inverseBindMatrices"] = 0
+    if what == "few binds":
+        tree["accessors"][tree["skins"][0]["inverseBindMatrices"]]["count"] = 1
     if what == "node":
         tree["skins"][0]["joints"] = [1, 99]
     if what == "twelve":
@@ -175,7 +177,8 @@ def damage(tree, what):
         ("bezier", "'BEZIER' is not read .known: LINEAR, STEP, CUBICSPLINE."),
         ("joint", "joint 1 of 1"),
         ("weights", "WEIGHTS_0"),
-        ("binds", "inverse bind matrices"),
+        ("binds", "expected 2 inverse bind matrices or more, got 4 of 3 numbers"),
+        ("few binds", "expected 2 inverse bind matrices or more, got 1 of 16 numbers"),
         ("node", "has no entry 99"),
         ("twelve", "at most 8 joints a vertex"),
     ],
@@ -187,6 +190,19 @@ def test_a_damaged_skin_is_one_line(bar, write_glb, tmp_path, what, reason):
     with pytest.raises(InputError, match=reason) as error:
         posed(read_gltf(path, Beside(path)), 0.5)
     assert "\n" not in str(error.value)
+
+
+def test_matrices_beyond_those_of_the_joints_count_for_nothing(bar, write_glb, tmp_path):
+    tree, blob = bar()
+    whole = posed(read_gltf(write_glb(tmp_path / "bar.glb", tree, blob), Beside(tmp_path)), 1.0)[1]
+    binds = tree["accessors"][tree["skins"][0]["inverseBindMatrices"]]
+    rows = np.frombuffer(blob, "<f4", 32, tree["bufferViews"][binds["bufferView"]]["byteOffset"])
+    tree["bufferViews"].append({"buffer": 0, "byteOffset": len(blob), "byteLength": 192})
+    binds.update(bufferView=len(tree["bufferViews"]) - 1, count=3)
+    blob += rows.tobytes() + np.full(16, np.nan, "<f4").tobytes()
+    tree["buffers"][0]["byteLength"] = len(blob)
+    rig = posed(read_gltf(write_glb(tmp_path / "bar.glb", tree, blob), Beside(tmp_path)), 1.0)[1]
+    np.testing.assert_array_equal(rig.vertices, whole.vertices)
 
 
 def test_of_two_figures_only_the_first_is_named_with_what_hangs_on_its_joints(bar, write_glb, tmp_path):
