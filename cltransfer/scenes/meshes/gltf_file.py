@@ -74,12 +74,19 @@ class Gltf:
     def array(self, accessor: Any) -> Array:
         """Rows of an accessor, (count, width), as stored; normalised integers become numbers in [-1, 1].
 
+        One that names no buffer view is 0 everywhere, as a target that moves nothing (glTF 2.0, 3.6.2.1).
+
         Raises:
             InputError: it reaches beyond its buffer, or is of an unknown type.
-            ResourceError: it is sparse, and takes more memory than is free.
+            ResourceError: its buffer does not hold every row, and they take more memory than is free.
         """
         about, field = self.entry("accessors", accessor), f"accessors[{accessor}]"
-        return self._sparse(field, about) if "sparse" in about else self._dense(field, about)
+        if "sparse" in about:
+            return self._sparse(field, about)
+        if "bufferView" in about:
+            return self._dense(field, about)
+        kind, width = self._row(field, about)
+        return self._zeros(field, about, width, kind)
 
     def _sparse(self, field: str, about: dict[str, Any]) -> Array:
         """Rows of an accessor of which few are not what its buffer view says, or not 0 where it has none."""
@@ -95,17 +102,15 @@ class Gltf:
         rows[chosen[:, 0]] = values
         return rows
 
-    def _zeros(self, field: str, about: dict[str, Any], width: int) -> Array:
+    def _zeros(self, field: str, about: dict[str, Any], width: int, kind: str = "<f8") -> Array:
         rows = about["count"]  # which nothing in the file holds
         require_free(ZERO_BYTES * rows * width, self.path, f"{rows} rows of {field}", "thin the file")
-        return np.zeros((rows, width))
+        return np.zeros((rows, width), kind)
 
     def _dense(self, field: str, about: dict[str, Any]) -> Array:
         count, offset = about.get("count", 0), about.get("byteOffset", 0)
-        kind, width = TYPES.get(about.get("componentType", 0)), WIDTH.get(about.get("type", ""), 0)
-        if kind is None or not width or "bufferView" not in about:
-            raise InputError(self.path, field, "expected plain numbers in a buffer view")
-        data, view = self.view(about["bufferView"]), self.entry("bufferViews", about["bufferView"])
+        kind, width = self._row(field, about)
+        data, view = self.view(about.get("bufferView")), self.entry("bufferViews", about["bufferView"])
         row = np.dtype(kind).itemsize * width
         stride = view.get("byteStride", row)
         if offset < 0 or stride < row or count < 1 or offset + (count - 1) * stride + row > len(data):
@@ -114,6 +119,13 @@ class Gltf:
         if about.get("normalized"):
             return np.maximum(rows.astype(np.float64) / np.iinfo(kind).max, -1.0)
         return rows.copy()
+
+    def _row(self, field: str, about: dict[str, Any]) -> tuple[str, int]:
+        """Type of the numbers of a row and how many they are."""
+        kind, width = TYPES.get(about.get("componentType", 0)), WIDTH.get(about.get("type", ""), 0)
+        if kind is None or not width:
+            raise InputError(self.path, field, "expected plain numbers of a known type")
+        return kind, width
 
     def to_glb(self) -> bytes:
         """As one binary file; images that are files of their own stay so."""

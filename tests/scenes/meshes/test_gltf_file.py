@@ -124,3 +124,28 @@ def test_rows_that_a_sparse_array_does_not_store_are_held_against_the_memory(bar
     monkeypatch.setattr(memory, "free_bytes", lambda: 4 * 3 * 8)
     tree["accessors"][7]["count"] = 4
     assert replace(gltf, tree=tree).array(7).tolist() == [[pytest.approx(-0.1), 0, 0], [0] * 3, [0] * 3, [0] * 3]
+
+
+@pytest.mark.parametrize(("component", "kind"), [(5126, "<f4"), (5121, "u1")])
+def test_an_array_without_a_buffer_view_is_0_where_there_is_memory(
+    bar, write_glb, tmp_path, monkeypatch, component, kind
+):
+    tree, blob = bar()
+    tree["accessors"].append({"componentType": component, "count": 4, "type": "VEC4"})
+    path = write_glb(tmp_path / "bar.glb", tree, blob)
+    gltf = read_gltf(path, Beside(path))
+    found = gltf.array(7)
+    assert (found.tolist(), found.dtype) == ([[0] * 4] * 4, kind)
+    tree["accessors"][7]["count"] = 20_000_000
+    monkeypatch.setattr(memory, "free_bytes", lambda: 2**20)
+    with pytest.raises(ResourceError, match=r"bar.glb: memory: 20000000 rows of accessors\[7\] need"):
+        replace(gltf, tree=tree).array(7)
+
+
+@pytest.mark.parametrize("about", [{"type": "VEC5"}, {"componentType": 5124}])
+def test_numbers_of_no_known_type_are_refused(bar, write_glb, tmp_path, about):
+    tree, blob = bar()
+    tree["accessors"].append({"componentType": 5126, "count": 4, "type": "VEC4", **about})
+    path = write_glb(tmp_path / "bar.glb", tree, blob)
+    with pytest.raises(InputError, match=r"bar.glb: accessors\[7\]: expected plain numbers of a known type"):
+        read_gltf(path, Beside(path)).array(7)

@@ -102,6 +102,14 @@ def test_a_target_may_name_the_few_vertices_it_moves(shaped, size):
         size(tree, blob)
 
 
+def test_a_target_without_a_buffer_view_moves_nothing(shaped, size):
+    tree, blob = shaped
+    target = tree["meshes"][0]["primitives"][0]["targets"][1]["POSITION"]
+    del tree["accessors"][target]["bufferView"]
+    tree["meshes"][0]["weights"] = [1, 1]
+    assert size(tree, blob) == [0.2, 3.0]
+
+
 @pytest.mark.parametrize(
     ("weights", "reason"), [([1], "has 2 targets and 1 weights"), ([1, 0, 0], "has 2 targets and 3 weights")]
 )
