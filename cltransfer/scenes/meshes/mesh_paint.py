@@ -119,9 +119,9 @@ def _cutoff(path: Path, about: dict[str, Any]) -> float:
         return 0.0
     if mode == "BLEND":
         return HALF / solid
-    if not isinstance(cutoff, (int, float)) or not 0 <= cutoff <= 1:
-        raise InputError(path, "materials", f"expected an alphaCutoff in [0, 1], got {cutoff!r:.40}")
-    return float(cutoff)
+    if not isinstance(cutoff, (int, float)) or not cutoff >= 0:
+        raise InputError(path, "materials", f"expected an alphaCutoff of 0 or more, got {cutoff!r:.40}")
+    return float(cutoff) if cutoff <= 1 else math.inf
 
 
 def _check_counts(gltf: Gltf, attributes: dict[str, Any]) -> None:

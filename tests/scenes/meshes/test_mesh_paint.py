@@ -118,6 +118,15 @@ def test_the_opacity_of_a_material_decides_whether_it_is_drawn(bar, write_glb, t
     assert len(read_mesh(write_glb(tmp_path / "bar.glb", tree, blob)).mesh) == 2 + drawn
 
 
+@pytest.mark.parametrize(("cutoff", "drawn"), [(1, 2), (1.5, 0), (1e300, 0)])
+def test_what_is_masked_above_1_is_not_drawn(bar, write_glb, tmp_path, cutoff, drawn):
+    tree, blob = bar()
+    (solid,) = tree["meshes"][0]["primitives"]
+    tree["meshes"][0]["primitives"] = [solid, {**solid, "material": 0}]
+    tree["materials"] = [{"alphaMode": "MASK", "alphaCutoff": cutoff}]
+    assert len(read_mesh(write_glb(tmp_path / "bar.glb", tree, blob)).mesh) == 2 + drawn
+
+
 def test_the_opacity_of_a_material_multiplies_that_of_its_texture(bar, with_texture, image_file, write_glb, tmp_path):
     pixels = np.full((1, 3, 4), 255, np.uint8)
     pixels[0, :, 3] = 255, 180, 100

@@ -133,9 +133,9 @@ def test_sixteen_bits_of_grey_are_as_bright_as_eight(write_obj, tmp_path):
 
 def test_an_alpha_that_is_no_share_is_refused(bar, with_texture, picture, write_glb, tmp_path):
     tree, blob = with_texture(bar(), picture())
-    for cutoff in (float("nan"), 2):
+    for cutoff in (float("nan"), -0.1, "half"):
         tree["materials"][0].update({"alphaMode": "MASK", "alphaCutoff": cutoff})
-        with pytest.raises(InputError, match=r"materials: expected an alphaCutoff in \[0, 1\], got"):
+        with pytest.raises(InputError, match=r"materials: expected an alphaCutoff of 0 or more, got"):
             read_mesh(write_glb(tmp_path / "bar.glb", tree, blob))
 
 
