@@ -129,15 +129,15 @@ def tell_library_light(library: Path, text: str, shown: set[str]) -> None:
 
 def _library_light(about: Mapping[str, str]) -> list[float]:
     """Of what a material of an MTL says; see :func:`_light`."""
-    light = _numbers(about.get("ke", "1" if "map_ke" in about else "0"))
+    light = numbers_of(about.get("ke", "1" if "map_ke" in about else "0"))
     return _within(np.array(light * 3 if len(light) == 1 else light)) if len(light) in (1, 3) else []
 
 
 def _is_library_black(about: Mapping[str, str]) -> bool:
-    return "map_kd" not in about and _numbers(about.get("kd", "")) in ([0.0], [0.0] * 3)
+    return "map_kd" not in about and numbers_of(about.get("kd", "")) in ([0.0], [0.0] * 3)
 
 
-def _numbers(words: str) -> list[float]:
+def numbers_of(words: str) -> list[float]:
     """Finite ones; none where any word is something else."""
     try:
         numbers = [float(word) for word in words.split()]

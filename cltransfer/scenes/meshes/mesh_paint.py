@@ -42,6 +42,8 @@ class Look:
         cutoff: alpha in [0, 1] below which nothing is drawn; infinite where nothing is, whatever its alpha.
         opacity: alpha in [0, 1] of what has no factor.
         holes: whether the alpha of its texture counts.
+        color: RGB in [0, 1], as a screen shows it, of what has no factor, which multiplies its texture; None: grey, and
+            nothing beside a texture.
     """
 
     lit: bool | None
@@ -52,6 +54,7 @@ class Look:
     cutoff: float = 0.0
     opacity: float = 1.0
     holes: bool = True
+    color: tuple[float, float, float] | None = None
 
     @property
     def least(self) -> float:
@@ -233,11 +236,8 @@ def _rgba(path: Path, look: Look, visual: Any) -> Tensor:
     if own is not None or factor is not None:
         linear = np.atleast_2d((1.0 if own is None else own) * (1.0 if factor is None else factor))
         return torch.from_numpy(_shown(linear))
-    diffuse = getattr(material, "diffuse", None)
     plain = GREY if image_of(material) is None else 1.0
-    if diffuse is None or image_of(material) is not None:
-        return torch.tensor([[plain, plain, plain, look.opacity]])
-    return torch.tensor([[*(float(c / 255) for c in np.asarray(diffuse)[:3]), look.opacity]])
+    return torch.tensor([[*(look.color or [plain] * 3), look.opacity]])
 
 
 def _own_colors(path: Path, visual: Any) -> Array | None:

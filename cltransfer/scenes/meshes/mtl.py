@@ -6,6 +6,7 @@ import logging
 import os
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy as np
 from ...computer.array_type import Array
 from ...errors import InputError, ResourceError
 from .asset_files import Beside, read_limited
-from .glow import GLOWS, library_with_glow, named, tell_library_light
+from .glow import GLOWS, library_with_glow, named, numbers_of, tell_library_light
 from .mesh import CLAMPED, REPEATED
 from .mesh_paint import HALF, Look
 from .mtl_text import key_of, materials, said
@@ -23,6 +24,7 @@ from .textures import FORMATS, decodes, image_of
 WITHOUT = " (without places)"  # behind the name of a material: what shows it has no places in its image
 JOINED = "the libraries of this file"  # that it names, as one
 BOM = b"\xef\xbb\xbf"  # before the first line, of some programs
+HABITS = {0.0, 0.588, 0.64, 0.8, 1.0}  # greys that programs write beside an image whatever it shows
 LIBRARY_LIMIT = 4 * 2**20  # bytes; trimesh takes up to 45 times what the file does
 
 _NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?"
@@ -130,8 +132,10 @@ def _plain(text: str, material: str) -> str:
 def looks_of(visuals: Iterable[Any]) -> dict[str, Look]:
     """What the materials of an OBJ say that trimesh does not pass on, by their names.
 
-    Less than half opaque by ``d`` is not drawn, as in a glTF; ``-o``, ``-s`` and ``-clamp on`` place the image. Bumps,
-    turbulence, ``map_d`` and most lights are passed over; the last two are told, see :func:`tell_passed_over`.
+    Less than half opaque by ``d`` is not drawn, as in a glTF; ``-o``, ``-s`` and ``-clamp on`` place the image. ``Kd``
+    multiplies an image where it has a hue, and is passed over where it is grey: many programs write one by habit beside
+    an image that is to be shown as it is, even black. So are bumps, turbulence, ``map_d`` and most lights; all but the
+    first two of these, and a grey of no habit, are told, see :func:`tell_passed_over`.
 
     Args:
         visuals: those of trimesh.
@@ -146,7 +150,15 @@ def _look(material: Any) -> Look:
     options = "" if image is None else _options(str(image.info.get("file_path", "")))
     wraps = CLAMPED if _CLAMPED.search(options) else REPEATED
     cutoff = HALF * (opacity < HALF)
-    return Look(lit, textured=False, transform=_transform(options), wraps=wraps, opacity=opacity, cutoff=cutoff)
+    look = Look(lit, textured=False, transform=_transform(options), wraps=wraps, opacity=opacity, cutoff=cutoff)
+    return replace(look, color=_color(material))
+
+
+def _color(material: Any) -> tuple[float, float, float] | None:
+    """Of :class:`Look`: what ``Kd`` says, beside an image where that is a hue, or the light by which it shines."""
+    red, green, blue = (float(level / 255) for level in material.diffuse[:3])
+    plain = red == green == blue and GLOWS not in material.kwargs
+    return None if plain and image_of(material) is not None else (red, green, blue)
 
 
 def _opacity(about: Mapping[str, Any]) -> float:
@@ -192,6 +204,8 @@ def check_images(libraries: Mapping[Path, str], visuals: Iterable[Any]) -> None:
 def tell_passed_over(libraries: Mapping[Path, str], visuals: Iterable[Any]) -> None:
     """Tell which materials are drawn whole though an image, ``map_d``, says where they are not, or without their light.
 
+    So are those whose image is drawn brighter than their grey, ``Kd``, says, where no program writes that by habit.
+
     Args:
         libraries: texts of the .mtl files that say so.
         visuals: those of trimesh.
@@ -201,7 +215,18 @@ def tell_passed_over(libraries: Mapping[Path, str], visuals: Iterable[Any]) -> N
         if cut := [name for name in _images(text, "map_d") if name in shown]:
             told = "%s: map_d of material %s: images of opacity are not read, all of it is drawn"
             _log.warning(told, library, named(cut))
+        if bright := [name for name, block in materials(text).items() if name in shown and _is_dimmed(said(block))]:
+            told = "%s: Kd of material %s: a grey beside map_Kd is not read, its image is drawn as it is"
+            _log.warning(told, library, named(bright))
         tell_library_light(library, text, shown)
+
+
+def _is_dimmed(about: Mapping[str, str]) -> bool:
+    """Whether a material multiplies its image by a grey that was meant."""
+    if "map_kd" not in about or GLOWS in about:
+        return False
+    levels = {round(level, 3) for level in numbers_of(about.get("kd", ""))}
+    return len(levels) == 1 and not levels & HABITS
 
 
 def _images(text: str, kind: str = "map_kd") -> dict[str, str]:

@@ -66,6 +66,41 @@ def test_an_image_of_opacity_is_told_where_it_is_passed_over(stage, caplog):
     assert caplog.messages == [f"{path.with_suffix('.mtl')}: {told}"]
 
 
+TINT = [pytest.approx(51 * level / 255) for level in (5, 1, 4)]
+
+
+@pytest.mark.parametrize(
+    ("said", "color"),
+    [
+        ("Kd 1 0.2 0.8", TINT),
+        ("Kd 0 0 0", [1, 1, 1]),
+        ("Kd 0.8 0.8 0.8", [1, 1, 1]),
+        ("Kd 0.3 0.3 0.3", [1, 1, 1]),
+        ("", [1, 1, 1]),
+    ],
+)
+def test_a_hue_multiplies_the_image_and_a_grey_does_not(stage, said, color):
+    mesh = read_mesh(stage(f"newmtl dark wood\n{said}\nmap_Kd wood.png\n")).mesh
+    assert mesh.colors.unique(dim=0).tolist() == [color]
+    assert mesh.texture.tolist() == [0]
+
+
+def test_the_light_of_a_material_multiplies_its_image_grey_or_not(stage, caplog):
+    mesh = read_mesh(stage("newmtl dark wood\nKd 0 0 0\nKe 0.4 0.4 0.4\nmap_Ke wood.png\n")).mesh
+    assert mesh.colors.unique(dim=0).tolist() == [[pytest.approx(0.4)] * 3]
+    assert caplog.messages == []
+
+
+@pytest.mark.parametrize("grey", ["0 0 0", "0.8 0.8 0.8", "0.640000 0.640000 0.640000", "0.588235 0.588235 0.588235"])
+def test_a_grey_beside_an_image_is_told_where_no_program_writes_it_by_habit(stage, caplog, grey):
+    read_mesh(stage(f"newmtl dark wood\nKd {grey}\nmap_Kd wood.png\nnewmtl spare\nKd 0.3 0.3 0.3\nmap_Kd wood.png\n"))
+    assert caplog.messages == []
+    path = stage("newmtl dark wood\nKd 0.3 0.3 0.3\nmap_Kd wood.png\n")
+    read_mesh(path)
+    told = "Kd of material 'dark wood': a grey beside map_Kd is not read, its image is drawn as it is"
+    assert caplog.messages == [f"{path.with_suffix('.mtl')}: {told}"]
+
+
 def test_a_library_of_any_size_is_not_read(stage):
     path = stage("newmtl dark wood\nKd 1 0 0\n" + "#" * LIBRARY_LIMIT)
     with pytest.raises(InputError, match=rf"stage.mtl: expected at most {LIBRARY_LIMIT} bytes, got "):
