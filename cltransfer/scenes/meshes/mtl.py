@@ -156,6 +156,8 @@ def _look(material: Any) -> Look:
 
 def _color(material: Any) -> tuple[float, float, float] | None:
     """Of :class:`Look`: what ``Kd`` says, beside an image where that is a hue, or the light by which it shines."""
+    if "kd" not in material.kwargs:
+        return None  # trimesh makes a dark grey up
     red, green, blue = (float(level / 255) for level in material.diffuse[:3])
     plain = red == green == blue and GLOWS not in material.kwargs
     return None if plain and image_of(material) is not None else (red, green, blue)

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from cltransfer.errors import InputError
+from cltransfer.scenes.meshes.mesh import GREY
 from cltransfer.scenes.meshes.mtl import LIBRARY_LIMIT
 from cltransfer.scenes.meshes.read_mesh import read_mesh
 
@@ -83,6 +84,12 @@ def test_a_hue_multiplies_the_image_and_a_grey_does_not(stage, said, color):
     mesh = read_mesh(stage(f"newmtl dark wood\n{said}\nmap_Kd wood.png\n")).mesh
     assert mesh.colors.unique(dim=0).tolist() == [color]
     assert mesh.texture.tolist() == [0]
+
+
+@pytest.mark.parametrize("said", ["Ks 0 0 0", "Kd", "Kd spectral wood.rfl"])
+def test_a_material_without_a_colour_is_as_grey_as_what_has_none(stage, said):
+    mesh = read_mesh(stage(f"newmtl dark wood\n{said}\n")).mesh
+    assert mesh.colors.unique().tolist() == [pytest.approx(GREY)]
 
 
 def test_the_light_of_a_material_multiplies_its_image_grey_or_not(stage, caplog):
