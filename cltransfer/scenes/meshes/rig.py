@@ -20,13 +20,16 @@ from ...subject import Subject
 from .gltf_figure import Skeleton
 
 _LIMBS = {  # joint -> words that mean it, the surest first
-    "shoulder": ("upperarm", "uparm", "arm"),
+    "shoulder": ("upperarm", "uparm", "arm", "shldr"),
     "elbow": ("forearm", "lowerarm", "elbow"),
     "wrist": ("hand", "wrist"),
     "hip": ("thigh", "upleg", "upperleg"),
     "knee": ("shin", "calf", "lowerleg", "knee", "leg"),
     "ankle": ("foot", "ankle"),
 }
+_COLLARS = {"collar", "clavicle", "collarbone"}
+_ENDS = ("wrist", "ankle")  # of the limbs, though a hand or a foot hangs from there
+_BEND = "bend"  # ends the name of what bends, beside a twist, of one limb
 _HELPERS = {"ik", "pole", "target", "ctrl", "control"}  # what poses a limb, and is none
 _CHAINS = {("shoulder", "elbow", "wrist"): "arm", ("hip", "knee", "ankle"): "leg"}
 _EXACT = {"upper", "up", "lower", "fore", "hand", "twist", "roll", "thigh", "shin", "foot", "toe"}  # parts of a limb
@@ -42,10 +45,12 @@ class _Named:
     rig: Skeleton
     order: list[int]
     words: list[list[str]]
+    spelt: list[str]  # the words without sides, as one
 
     @classmethod
     def of(cls, rig: Skeleton) -> _Named:
-        return cls(rig, _outwards(rig), [_words(name[-_LETTERS:]) for name in rig.names])
+        words = [_words(name[-_LETTERS:]) for name in rig.names]
+        return cls(rig, _outwards(rig), words, ["".join(w for w in one if w not in _SIDE) for one in words])
 
     def first(self, word: str) -> int | None:
         return next((joint for joint in self.order if word in self.words[joint]), None)
@@ -111,22 +116,52 @@ def _limb_joints(named: _Named) -> dict[str, int]:
     for side in ("left", "right"):
         joints = [joint for joint in named.order if _side(named.words[joint]) == side]
         bones = [joint for joint in joints if not _HELPERS.intersection(named.words[joint])]
+        collar = any(_COLLARS.intersection(named.words[joint]) for joint in joints)
         for chain, limb in _CHAINS.items():
             for among in (joints, bones):  # what is found among the latter stands
-                found |= {f"{side}_{part}": joint for part, joint in _limb(named, among, chain, limb)}
+                found |= {f"{side}_{part}": joint for part, joint in _limb(named, among, chain, limb, collar)}
     return found
 
 
-def _limb(named: _Named, among: list[int], chain: tuple[str, ...], limb: str) -> Iterator[tuple[str, int]]:
+def _limb(
+    named: _Named, among: list[int], chain: tuple[str, ...], limb: str, collar: bool
+) -> Iterator[tuple[str, int]]:
     numbered = [joint for joint in among if _is_stem(named.words[joint], limb)]
     if len(numbered) >= len(chain):
         yield from zip(chain, numbered)
         return
     for part in chain:
-        called = ((word, joint) for word in _LIMBS[part] for joint in among)
-        joint = next((joint for word, joint in called if _says(named.words[joint], word)), None)
+        joint = _called(named, among, part, collar)
         if joint is not None:
-            yield part, joint
+            yield part, _nearer(named, among, part, joint)
+
+
+def _called(named: _Named, among: list[int], part: str, collar: bool) -> int | None:
+    """The joint whose name says ``part``: where no other does, what bends, then what is called as the part itself.
+
+    Args:
+        named: all joints.
+        among: those that are asked, from the root outwards.
+        part: of a limb.
+        collar: whether this side has one; without it a shoulder may be the collar, and a hip a half of the pelvis.
+    """
+    bent = [joint for joint in among if named.spelt[joint].endswith(_BEND)]
+    asked = [(word, joints, end) for joints, end in ((among, ""), (bent, _BEND)) for word in _LIMBS[part]]
+    asked += [(part, among, "")] if collar else []
+    called = ((word, joint, end) for word, joints, end in asked for joint in joints)
+    return next((joint for word, joint, end in called if _says(named.spelt[joint].removesuffix(end), word)), None)
+
+
+def _nearer(named: _Named, among: list[int], part: str, joint: int) -> int:
+    """The wrist that a hand hangs from, the ankle that a foot does; the joint itself where there is none."""
+    if part not in _ENDS:
+        return joint
+    asked, above = set(among), named.rig.parents[joint]
+    while above >= 0:
+        if above in asked and _says(named.spelt[above], part):
+            return above
+        above = named.rig.parents[above]
+    return joint
 
 
 def _is_stem(words: list[str], limb: str) -> bool:
@@ -134,11 +169,10 @@ def _is_stem(words: list[str], limb: str) -> bool:
     return limb in words and not _EXACT.intersection(words)
 
 
-def _says(words: list[str], word: str) -> bool:
+def _says(spelt: str, word: str) -> bool:
     """Whether the name ends in ``word``, perhaps in two; a forearm is no arm and an upper leg no leg."""
-    joined = "".join(w for w in words if w not in _SIDE)
-    whole = word not in ("arm", "leg") or not joined.removesuffix(word).endswith(("fore", "up", "upper", "lower"))
-    return joined.endswith(word) and whole
+    whole = word not in ("arm", "leg") or not spelt.removesuffix(word).endswith(("fore", "up", "upper", "lower"))
+    return spelt.endswith(word) and whole
 
 
 def _outwards(rig: Skeleton) -> list[int]:

@@ -16,30 +16,55 @@ from cltransfer.skeleton import JOINTS
 UP = np.array([0.0, 0.0, 1.0])
 PLACES = {  # a standing body that faces +y; its left is at -x
     "hips": (0, 1.0), "spine": (0, 1.2), "neck": (0, 1.5), "head": (0, 1.6),
-    "shoulder": (-0.2, 1.45), "elbow": (-0.4, 1.2), "wrist": (-0.5, 1.0),
+    "collar": (-0.05, 1.45), "shoulder": (-0.2, 1.45), "elbow": (-0.4, 1.2), "wrist": (-0.5, 1.0), "hand": (-0.5, 0.9),
     "hip": (-0.1, 0.95), "knee": (-0.1, 0.5), "ankle": (-0.1, 0.1), "toe": (-0.1, 0.0),
 }  # fmt: skip
-PARENT = {"spine": "hips", "neck": "spine", "head": "neck", "shoulder": "spine", "elbow": "shoulder",
-          "wrist": "elbow", "hip": "hips", "knee": "hip", "ankle": "knee", "toe": "ankle"}  # fmt: skip
+PARENT = {"spine": "hips", "neck": "spine", "head": "neck", "collar": "spine", "shoulder": "spine",
+          "elbow": "shoulder", "wrist": "elbow", "hand": "wrist", "hip": "hips",
+          "knee": "hip", "ankle": "knee", "toe": "ankle"}  # fmt: skip
+SPARE = ("collar", "hand")  # not every rig has them
 STYLES = {
-    "mixamo": {"shoulder": "mixamorig:{Left}Arm", "elbow": "mixamorig:{Left}ForeArm", "wrist": "mixamorig:{Left}Hand",
+    "mixamo": {"collar": "mixamorig:{Left}Shoulder", "shoulder": "mixamorig:{Left}Arm",
+               "elbow": "mixamorig:{Left}ForeArm", "wrist": "mixamorig:{Left}Hand",
                "hip": "mixamorig:{Left}UpLeg", "knee": "mixamorig:{Left}Leg", "ankle": "mixamorig:{Left}Foot",
                "toe": "mixamorig:{Left}ToeBase"},
     "rigify": {"shoulder": "DEF-upper_arm.{L}", "elbow": "DEF-forearm.{L}", "wrist": "DEF-hand.{L}",
                "hip": "DEF-thigh.{L}", "knee": "DEF-shin.{L}", "ankle": "DEF-foot.{L}", "toe": "DEF-toe.{L}"},
-    "unreal": {"shoulder": "upperarm_{l}", "elbow": "lowerarm_{l}", "wrist": "hand_{l}",
+    "unreal": {"collar": "clavicle_{l}", "shoulder": "upperarm_{l}", "elbow": "lowerarm_{l}", "wrist": "hand_{l}",
                "hip": "thigh_{l}", "knee": "calf_{l}", "ankle": "foot_{l}", "toe": "ball_{l}"},
     "numbered": {"shoulder": "arm_joint_{L}_1", "elbow": "arm_joint_{L}_2", "wrist": "arm_joint_{L}_3",
                  "hip": "leg_joint_{L}_1", "knee": "leg_joint_{L}_2", "ankle": "leg_joint_{L}_3",
                  "toe": "leg_joint_{L}_5"},
+    "makehuman": {"collar": "clavicle.{L}", "shoulder": "upperarm01.{L}", "elbow": "lowerarm01.{L}",
+                  "wrist": "wrist.{L}", "hand": "metacarpal1.{L}", "hip": "upperleg01.{L}", "knee": "lowerleg01.{L}",
+                  "ankle": "foot.{L}", "toe": "toe1-1.{L}"},
+    "biped": {"collar": "Bip01 {L} Clavicle", "shoulder": "Bip01 {L} UpperArm", "elbow": "Bip01 {L} Forearm",
+              "wrist": "Bip01 {L} Hand", "hand": "Bip01 {L} Finger0", "hip": "Bip01 {L} Thigh",
+              "knee": "Bip01 {L} Calf", "ankle": "Bip01 {L} Foot", "toe": "Bip01 {L} Toe0"},
+    "smpl": {"collar": "m_avg_{L}_Collar", "shoulder": "m_avg_{L}_Shoulder", "elbow": "m_avg_{L}_Elbow",
+             "wrist": "m_avg_{L}_Wrist", "hand": "m_avg_{L}_Hand", "hip": "m_avg_{L}_Hip", "knee": "m_avg_{L}_Knee",
+             "ankle": "m_avg_{L}_Ankle", "toe": "m_avg_{L}_Foot"},
+    "smplx": {"collar": "{left}_collar", "shoulder": "{left}_shoulder", "elbow": "{left}_elbow",
+              "wrist": "{left}_wrist", "hand": "{left}_middle1", "hip": "{left}_hip", "knee": "{left}_knee",
+              "ankle": "{left}_ankle", "toe": "{left}_foot"},
+    "genesis 2": {"collar": "{l}Collar", "shoulder": "{l}Shldr", "elbow": "{l}ForeArm", "wrist": "{l}Hand",
+                  "hip": "{l}Thigh", "knee": "{l}Shin", "ankle": "{l}Foot", "toe": "{l}Toe"},
+    "genesis 8": {"collar": "{l}Collar", "shoulder": "{l}ShldrBend", "elbow": "{l}ForearmBend", "wrist": "{l}Hand",
+                  "hand": "{l}Carpal1", "hip": "{l}ThighBend", "knee": "{l}Shin", "ankle": "{l}Foot",
+                  "toe": "{l}Metatarsals"},
+    "genesis 9": {"collar": "{l}_shoulder", "shoulder": "{l}_upperarm", "elbow": "{l}_forearm", "wrist": "{l}_hand",
+                  "hip": "{l}_thigh", "knee": "{l}_shin", "ankle": "{l}_foot", "toe": "{l}_metatarsal"},
 }  # fmt: skip
-SIDES = {"left": {"Left": "Left", "L": "L", "l": "l"}, "right": {"Left": "Right", "L": "R", "l": "r"}}
+SIDES = {
+    "left": {"Left": "Left", "left": "left", "L": "L", "l": "l"},
+    "right": {"Left": "Right", "left": "right", "L": "R", "l": "r"},
+}
 
 
 def body(style: dict[str, str]) -> Skeleton:
     names, parents, points = [], [], []
     at: dict[tuple[str, str], int] = {}
-    for part, (x, z) in PLACES.items():
+    for part, (x, z) in ((part, at) for part, at in PLACES.items() if part in style or part not in SPARE):
         for side in ("left", "right") if part in style else ("",):
             above = PARENT.get(part)
             parents.append(-1 if above is None else at.get((above, side), at.get((above, ""), -1)))
@@ -148,6 +173,18 @@ def test_a_joint_that_is_nowhere_is_not_known(nowhere):
     torch.testing.assert_close(person.joints, expected, equal_nan=True)
     assert person.confidence.tolist() == [float(i != hand) for i in range(14)]
     assert person.height == whole.height
+
+
+def test_without_a_collar_a_shoulder_may_be_one_and_is_no_limb():
+    style = {part: name for part, name in STYLES["smpl"].items() if part != "collar"}
+    assert subject_of_rig(body(style), UP) is None
+
+
+def test_a_hand_that_hangs_from_no_wrist_is_where_the_arm_ends():
+    rig = body(STYLES["smpl"])
+    loose = replace(rig, parents=tuple(-1 if "Hand" in name else up for name, up in zip(rig.names, rig.parents)))
+    hand, wrist = rig.names.index("m_avg_L_Hand"), JOINTS.index("left_wrist")
+    assert subject_of_rig(loose, UP).joints[wrist].tolist() == rig.points[hand].tolist()
 
 
 def test_names_that_tell_nothing_give_no_person():
