@@ -190,7 +190,7 @@ def _read(path: Path, part: Part, index: int, up: tuple[float, float, float]) ->
         raise InputError(path, field, f"{file.name} does not move, only glTF does", "leave it out")
     own_up = part.rotation.T @ torch.tensor(up, dtype=torch.float64)
     x, y, z = own_up.tolist()
-    return read_mesh(file, Moment(part.time, part.animation), (x, y, z))
+    return read_mesh(file, Moment(part.time, part.animation), (x, y, z), part.label == "subject")
 
 
 def _joined(path: Path, parts: Sequence[Part], meshes: Sequence[Mesh]) -> Mesh:

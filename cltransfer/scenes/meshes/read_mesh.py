@@ -32,7 +32,7 @@ from .obj_text import readable
 from .ply_colors import own_visual
 from .ply_faces import of_triangles
 from .ply_textures import of_one_texture, textures_of
-from .rig import subject_of_rig
+from .rig import subject_of_rig, tell_nobody
 from .textures import Textures, image_of
 
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply")
@@ -58,13 +58,14 @@ class MeshFile:
     files: tuple[Path, ...]
 
 
-def read_mesh(path: Path, moment: Moment = START, up: tuple[float, float, float] = UP) -> MeshFile:
+def read_mesh(path: Path, moment: Moment = START, up: tuple[float, float, float] = UP, person: bool = True) -> MeshFile:
     """Read a mesh.
 
     Args:
         path: .glb, .gltf, .obj or .ply; glTF is told from the content.
         moment: the pose of an animated glTF.
         up: unit vector upwards in the file.
+        person: whether its joints are to name one; it is told where they do not.
 
     Raises:
         InputError: the file is missing, empty, damaged, without faces, larger than the limits, more than 1 % of its
@@ -101,6 +102,8 @@ def read_mesh(path: Path, moment: Moment = START, up: tuple[float, float, float]
     check_steps(path, mesh.corners.flatten(0, 1))
     subject = _subject(rig, up)
     if subject is None:
+        if rig is not None and person:
+            tell_nobody(path, rig)
         mesh = mesh.with_label(torch.zeros(len(mesh)))
     return MeshFile(mesh, subject, (path, *files.given))
 

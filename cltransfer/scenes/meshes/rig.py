@@ -6,10 +6,12 @@ the limb; where a limb's joints share one word they are taken in order from the 
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import count
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -36,6 +38,9 @@ _EXACT = {"upper", "up", "lower", "fore", "hand", "twist", "roll", "thigh", "shi
 _SIDE = {"left": "left", "l": "left", "right": "right", "r": "right"}
 _MINIMUM = 10  # joints that must be found
 _LETTERS = 100  # at the end of a name that are looked at
+_TOLD, _SHOWN = 3, 40  # joints and letters of a name in a line
+
+_log = logging.getLogger("cltransfer")
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +100,14 @@ def subject_of_rig(rig: Skeleton, up: Array) -> Subject | None:
     standing = joints[JOINTS.index("head_top")] @ up - soles  # bones fall short of round bodies
     body = torch.from_numpy(joints)
     return Subject(body, torch.from_numpy(known).double(), front, upward, standing_height(float(standing), body))
+
+
+def tell_nobody(path: Path, rig: Skeleton) -> None:
+    """Tell that the joints of a mesh name no person, and how it is seen whether one is found otherwise."""
+    first = ", ".join(f"{name[:_SHOWN]!r}" for name in rig.names[:_TOLD])
+    more = f" and {len(rig.names) - _TOLD} more" * (len(rig.names) > _TOLD)
+    _log.warning("%s: its joints, %s%s, name no person; whether networks find one in it is shown by: cltransfer lift",
+                 path, first, more)  # fmt: skip
 
 
 def _words(name: str) -> list[str]:

@@ -39,6 +39,13 @@ def test_parts_stand_where_the_yaml_says(folder):
     torch.testing.assert_close(scene.geometry.vertices, expected, atol=1e-6, rtol=0)
 
 
+@pytest.mark.parametrize(("label", "told"), [("scene", 0), ("subject", 1)])
+def test_joints_that_name_nobody_are_told_of_the_subject_alone(folder, bar, write_glb, caplog, label, told):
+    write_glb(folder / "flag.glb", *bar())
+    read_composed(write(folder, f"parts: [{{file: flag.glb, label: {label}}}]\n"))
+    assert [message.split(":")[0] for message in caplog.messages] == [str(folder / "flag.glb")] * told
+
+
 def test_turns_are_about_x_then_y_then_z_of_the_scene():
     turned = Part("a", rotate_deg=(90, 90, 0)).rotation @ torch.tensor([0.0, 1, 0]).double()
     torch.testing.assert_close(turned, torch.tensor([1.0, 0, 0]).double(), atol=1e-9, rtol=0)  # y -> z -> x

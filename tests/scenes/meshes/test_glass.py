@@ -60,12 +60,12 @@ def test_an_image_of_where_light_goes_through_is_told_and_all_is_drawn(
 ) -> None:
     tree, blob = glazed(bar(), transmissionFactor=1.0, transmissionTexture={"index": 0})
     path = write_glb(tmp_path / "bar.glb", tree, blob)
-    assert len(read_mesh(path).mesh) == 4
+    assert len(read_mesh(path, person=False).mesh) == 4
     told = "an image of where it lets light through is not read, all of it is drawn"
     assert caplog.messages == [f"{path}: material 'pane': {told}"]
     caplog.clear()
     tree["meshes"][0]["primitives"].pop()
-    read_mesh(write_glb(path, tree, blob))
+    read_mesh(write_glb(path, tree, blob), person=False)
     assert caplog.messages == []
 
 

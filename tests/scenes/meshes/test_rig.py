@@ -195,6 +195,35 @@ def test_names_that_tell_nothing_give_no_person():
     assert subject_of_rig(dumb, UP) is None
 
 
+@pytest.mark.parametrize("more", [0, 30])
+def test_a_posed_skin_whose_joints_name_no_person_is_told_in_one_line(bar, write_glb, tmp_path, caplog, more):
+    tree, blob = bar()
+    first = len(tree["nodes"])
+    tree["nodes"] += [{"name": f"Bone{i}" * 9} for i in range(more)]
+    tree["skins"] = [{"joints": [1, 2, *range(first, first + more)]}]
+    path = write_glb(tmp_path / "bar.glb", tree, blob)
+    read_mesh(path)
+    joints = f"'low', 'high', '{'Bone0' * 8}' and 29 more" if more else "'low', 'high'"
+    told = f"its joints, {joints}, name no person; whether networks find one in it is shown by: cltransfer lift"
+    assert caplog.messages == [f"{path}: {told}"]
+    caplog.clear()
+    read_mesh(path, person=False)
+    del tree["nodes"][3]["skin"], tree["skins"]
+    read_mesh(write_glb(path, tree, blob))
+    assert caplog.messages == []
+
+
+def test_a_skin_whose_joints_name_a_person_is_read_without_a_word(bar, write_glb, tmp_path, caplog):
+    tree, blob = bar()
+    rig, first = body(STYLES["smpl"]), len(tree["nodes"])
+    tree["nodes"] += [{"name": name, "translation": at} for name, at in zip(rig.names, rig.points.tolist())]
+    tree["skins"] = [{"joints": [*range(first, first + len(rig.names))]}]
+    found = read_mesh(write_glb(tmp_path / "bar.glb", tree, blob), up=(0.0, 0.0, 1.0))
+    assert found.subject.confidence[:12].tolist() == [1] * 12
+    assert found.mesh.label.tolist() == [1, 1]
+    assert caplog.messages == []
+
+
 @pytest.mark.parametrize(("file", "animation"), [("cesium_man.glb", None), ("pc_lumberjack.glb", "A-pose")])
 def test_real_rigs_give_a_person_who_stands_in_the_mesh(data, file, animation):
     found = read_mesh(data / file, Moment(0.0, animation))
