@@ -18,7 +18,7 @@ from .asset_files import Beside, read_limited
 from .glow import GLOWS, library_with_glow, named, numbers_of, tell_library_light
 from .mesh import CLAMPED, REPEATED
 from .mesh_paint import HALF, Look
-from .mtl_text import key_of, materials, said
+from .mtl_text import key_of, materials, said, with_whole_colors
 from .textures import FORMATS, decodes, image_of
 
 WITHOUT = " (without places)"  # behind the name of a material: what shows it has no places in its image
@@ -92,7 +92,8 @@ class ObjFiles(Beside):
         """What a library says, as trimesh is to read it."""
         from trimesh.util import decode_text
 
-        return library_with_glow(str(decode_text(data.removeprefix(BOM))), self._shows)
+        text = str(decode_text(data.removeprefix(BOM)))
+        return library_with_glow(with_whole_colors(text), self._shows)
 
     def _shows(self, name: str) -> bool:
         """Whether the image ``name`` is there, and one that is decoded, which is tried once for however many materials.

@@ -28,3 +28,20 @@ def key_of(line: str) -> str:
 def said(block: Sequence[str]) -> dict[str, str]:
     """What follows the keys of a material: of one that is there twice the last counts."""
     return {key_of(line): words[1].strip() for line in block if len(words := line.split(maxsplit=1)) == 2}
+
+
+def with_whole_colors(text: str) -> str:
+    """An MTL with each ``Kd`` as three words: one alone is a grey, and what follows three is none of it.
+
+    trimesh drops every material of a file where one of them has another colour, or a highlight, that is none; ``Ka``,
+    ``Ks`` and ``Ns``, which are not drawn, are left out.
+    """
+    lines = list[str]()
+    for line in text.splitlines():
+        key, words = key_of(line), line.split()[1:]
+        if key == "kd":
+            whole = words * 3 if len(words) == 1 else words[:3]
+            lines += [f"Kd {' '.join(whole)}"] if len(whole) == 3 else []
+        elif key not in ("ka", "ks", "ns"):
+            lines.append(line)
+    return "\n".join([*lines, ""])

@@ -92,6 +92,24 @@ def test_a_material_without_a_colour_is_as_grey_as_what_has_none(stage, said):
     assert mesh.colors.unique().tolist() == [pytest.approx(GREY)]
 
 
+@pytest.mark.parametrize(
+    ("said", "color"),
+    [
+        ("Kd 0.2", [0.2] * 3),
+        ("Kd 0", [0] * 3),
+        ("Kd 0.2 0.4", [GREY] * 3),
+        ("Kd 1 0.2 0 # rust", [1, 0.2, 0]),
+        ("Kd 1 0 0 1 1", [1, 0, 0]),
+        ("Ka 1\nKs 0.5\nNs 1 2\nKd 1 0 0", [1, 0, 0]),
+    ],
+)
+def test_a_colour_of_other_than_three_numbers_costs_no_material(stage, said, color):
+    solid = "usemtl solid\nf 1/1 3/3 2/2\n"
+    mesh = read_mesh(stage(f"newmtl dark wood\n{said}\nnewmtl solid\nKd 0 1 0\n", FACE + solid)).mesh
+    colors = torch.tensor([color, [0, 1, 0]]).unique(dim=0)
+    torch.testing.assert_close(mesh.colors.unique(dim=0), colors.float())
+
+
 def test_the_light_of_a_material_multiplies_its_image_grey_or_not(stage, caplog):
     mesh = read_mesh(stage("newmtl dark wood\nKd 0 0 0\nKe 0.4 0.4 0.4\nmap_Ke wood.png\n")).mesh
     assert mesh.colors.unique(dim=0).tolist() == [[pytest.approx(0.4)] * 3]
