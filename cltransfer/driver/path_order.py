@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass, replace
 from itertools import product
 
+import torch
 from torch import Tensor
 
 from ..along_clip import along
@@ -23,6 +24,8 @@ LEAST_FLOOR = 0.01  # total that nobody sees, a hundredth of a tolerance
 SHARE = 0.02  # of the free path's total that its own minima are uncertain by: neighbours end in other ones
 TRUSTED = 0.1  # total, of frames that tell where to stand, below which the Jacobians that they ended with describe it
 JUMPS = 1.5  # times the total of frames that jump, that a filtered path may cost: no loss sees a jump of one frame
+CUT = 0.4  # change of x from one frame to the next that is seen as a cut, where the reference has none
+SEVERED = 3.0  # times the total of frames between which there is one, that a filtered path may cost
 FILTERS = (2.0, 1.0)  # [frames] standard deviation of the filter where no spline will do
 TRIED = 3  # paths evaluated at most, of those that the linear model says are good enough; one a round of refining
 PLAIN = 2  # knots of a path that stays what it is, static or linear, when it is refined; any other may bend
@@ -153,11 +156,13 @@ def _filtered(
     """Where no spline is near enough: the losses jump, and so would the camera.
 
     What the reference does in a few frames looks like a jump to a filter; the guide does it too, so what the path adds
-    to the guide is filtered as well. The first that costs little is taken, or else the one that costs least; where the
-    lens is to keep ``still`` some such path is, since the frames as they were found zoom.
+    to the guide is filtered as well. The first that costs little is taken, or else the one that costs least, dearer
+    ones where the frames as they were found are seen as a cut; where the lens is to keep ``still`` some such path is
+    taken in any case, since they zoom.
     """
     lens = clip.lens(free.x.shape[1]) if still else None
-    accepted = max(limit, JUMPS * free.free) if lens is None else math.inf
+    dearest = (SEVERED if cuts(free.x, guide) else JUMPS) * free.free
+    accepted = max(limit, dearest) if lens is None else math.inf
     enough, best, tried = HOPE * limit if effort.rounds else accepted, None, False
     for frames, about in product(FILTERS, (None,) if guide is None else (None, guide)):
         added = free.x if about is None else free.x - about
@@ -175,6 +180,17 @@ def _filtered(
             enough, tried = accepted, True  # refining does not bring it there, so the next has to be near enough itself
     assert best is not None
     return (None if tried else _accepted(refined(clip, best, effort), best, accepted)) or free
+
+
+def cuts(x: Tensor, guide: Tensor | None) -> list[int]:
+    """Frames of the path x (N, D) before which the camera jumps and the ``guide`` (N, D), the reference, does not.
+
+    None without a guide, since the reference may jump as well.
+    """
+    if guide is None:
+        return []
+    jumps = torch.minimum(x.diff(dim=0).abs(), (x - guide).diff(dim=0).abs()).amax(1) > CUT
+    return (jumps.nonzero()[:, 0] + 1).tolist()
 
 
 def _held(x: Tensor, way: Tensor) -> Tensor:

@@ -206,6 +206,8 @@ def _views(result: Result) -> Iterator[Flag]:
 
 def _search(result: Result) -> Iterator[Flag]:
     x, search = result.kept.x, result.search
+    for i in result.kept.cuts:
+        yield Flag(i, "the camera jumps here and the reference's does not: what lies between costs far more")
     low, high = limits(search, x.shape[1])
     above = x >= high - ON_BOUND
     for i, d in ((x <= low + ON_BOUND) | above).nonzero().tolist():

@@ -67,6 +67,7 @@ class Attempt:
         shown: its frames, in the scene as it was given, read and scored.
         doubtful: views that a search must not take, and in which things hide part of the person, (N,) bool by reason.
         left_out: what the search did not see, None where it saw everything.
+        cuts: frames before which the camera jumps and the reference's does not.
     """
 
     found: Path
@@ -75,6 +76,7 @@ class Attempt:
     shown: Readback
     doubtful: dict[str, Tensor]  # (N,) each
     left_out: LeftOut | None
+    cuts: list[int]
 
     @property
     def x(self) -> Tensor:
@@ -111,7 +113,7 @@ def attempts(job: Job, clock: Clock, progress: Progress) -> tuple[list[Attempt],
         last = number == rounds
         seen = None if last and job.stage.guard is None else read_path(job.stage, take.cameras)
         doubtful = _doubtful(by.stage, seen, job.wanted)
-        made.append(Attempt(take.found, take.cameras, take.path, shown, doubtful, take.left_out))
+        made.append(Attempt(take.found, take.cameras, take.path, shown, doubtful, take.left_out, take.cuts))
         clock.lap("reading back")
         if last or seen is None:
             break

@@ -12,7 +12,7 @@ from ..driver.closed_form import Guide
 from ..driver.follow import Path, follow
 from ..driver.frame import Solved
 from ..driver.joint import Effort
-from ..driver.path_order import LeastPath, least_path
+from ..driver.path_order import LeastPath, cuts, least_path
 from ..driver.schedule import Schedule
 from ..driver.second_guide import second_guide
 from ..driver.stage import Stage
@@ -52,6 +52,11 @@ class Take:
     def cameras(self) -> Camera:
         """N cameras of the path taken, at the output size."""
         return self.found.camera if self.path is None else self.clip.cameras(self.path.x)
+
+    @property
+    def cuts(self) -> list[int]:
+        """Frames of the path taken that are seen as cuts, see :func:`.path_order.cuts`."""
+        return cuts(self.x, None if self.guide is None else self.guide.x)
 
     @property
     def total(self) -> float:

@@ -11,7 +11,7 @@ import torch
 from cltransfer.config import load_config
 from cltransfer.driver import path_order
 from cltransfer.driver.joint import Effort
-from cltransfer.driver.path_order import LeastPath, least_path
+from cltransfer.driver.path_order import JUMPS, LeastPath, cuts, least_path
 from cltransfer.driver.stage import Stage, read_path
 from cltransfer.driver.whole_clip import WholeClip
 from cltransfer.features import Features
@@ -191,6 +191,27 @@ def test_a_jump_stays_only_where_frames_fit_well(beside: float, jumps: bool) -> 
     path = least_path(clip, x, None, 0.0, Effort(0, 4))
     assert (path.name == "every frame") == jumps
     assert path.total - path.free == pytest.approx(0.0 if jumps else 0.59, abs=0.05)
+
+
+@pytest.mark.parametrize(("beside", "severed"), [(0.05, False), (0.0, True)])
+def test_a_cut_that_the_reference_does_not_make_stays_only_where_anything_else_is_far_dearer(
+    beside: float, severed: bool
+) -> None:
+    scene, parts, search = load_scene("builtin:plaza"), Components.build(load_config()), SubjectOrbit()
+    assert scene.subject is not None
+    held = shot("static", scene.subject, (96, 54), 12).camera
+    guide = search.vector(held, held[0], scene.subject)
+    x = guide.clone()
+    x[6:, 3] += 0.9  # twice as far away
+    stage = Stage(scene, parts.renderer, parts.plan("scene"), Objective(parts.losses), (96, 54))
+    clip = WholeClip(stage, search, read_path(stage, search.cameras(x, held[0], scene.subject)), held[0])
+    x[:, 5] += beside
+    assert cuts(x, guide) == [6]
+    assert cuts(x, x) == cuts(x, None) == []
+    whole = least_path(clip, x, None, 0.0, Effort(0, 4), guide)
+    assert cuts(whole.x, guide) == ([6] if severed else [])
+    assert (whole.total > JUMPS * whole.free) == (not severed)
+    assert least_path(clip, x, None, 0.0, Effort(0, 4)).name == "every frame"  # the reference may jump as well
 
 
 def test_a_filtered_path_that_refining_makes_too_dear_stays_as_it_was_filtered(monkeypatch: pytest.MonkeyPatch) -> None:

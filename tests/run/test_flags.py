@@ -344,3 +344,9 @@ def test_an_angle_that_leaps_away_at_an_end_of_the_clip_is_told() -> None:
 
     assert told("image") == [0]
     assert told("scene") == []  # what a scene tells is so
+
+
+def test_where_the_camera_jumps_and_the_reference_does_not_is_told(plain: Result) -> None:
+    told = [flag for flag in run_flags(kept(plain, cuts=[1])) if "the camera jumps here" in flag.reason]
+    assert [flag.frame for flag in told] == [1]
+    assert plain.kept.cuts == []
