@@ -34,6 +34,17 @@ def to_uint8(image: Tensor) -> np.ndarray:
     return pixels
 
 
+def resized(images: np.ndarray, size: tuple[int, int], growing: int = cv2.INTER_LINEAR) -> np.ndarray:
+    """Images (B, h, w, 3) uint8 at ``size`` (W, H), (B, H, W, 3) uint8.
+
+    An axis that shrinks is averaged over areas, then one that grows is interpolated by ``growing``, a flag of OpenCV's:
+    in one call it averages no areas where either grows, and skips rows or columns of the other.
+    """
+    least = min(images.shape[2], size[0]), min(images.shape[1], size[1])
+    small = (cv2.resize(image, least, interpolation=cv2.INTER_AREA) for image in images)
+    return np.stack([cv2.resize(image, size, interpolation=growing) for image in small])
+
+
 def normalised(rgb: np.ndarray, mean: Channels = IMAGENET_MEAN, std: Channels = IMAGENET_STD) -> np.ndarray:
     """RGB (B, H, W, 3) uint8 as (B, 3, H, W) float32, (value / 255 - mean) / std channel by channel."""
     values = (rgb.astype(np.float32) / 255 - np.array(mean, np.float32)) / np.array(std, np.float32)

@@ -18,7 +18,7 @@ from ..models.onnx import Network
 from ..models.places import find_model
 from ..registry import EXTRACTORS
 from ._disparity import Align, depth_from_disparity
-from ._pixels import IMAGENET_MEAN, IMAGENET_STD, MOST, normalised, require_input, to_uint8
+from ._pixels import IMAGENET_MEAN, IMAGENET_STD, MOST, normalised, require_input, resized, to_uint8
 
 __all__ = ["DepthOnnx", "depth_from_disparity"]
 
@@ -134,9 +134,7 @@ class DepthOnnx:
     def _input(self, image: Tensor) -> np.ndarray:
         size = self._size(image.shape[3], image.shape[2])
         require_input(self.model, len(image), size, "crop what is so long")
-        how = cv2.INTER_AREA if image.shape[3] > size[0] else cv2.INTER_CUBIC
-        rgb = np.stack([cv2.resize(frame, size, interpolation=how) for frame in to_uint8(image)])
-        return normalised(rgb, self.mean, self.std)
+        return normalised(resized(to_uint8(image), size, cv2.INTER_CUBIC), self.mean, self.std)
 
     def _size(self, width: int, height: int) -> tuple[int, int]:
         """What images of ``width`` by ``height`` are resized to (W, H) [px]."""

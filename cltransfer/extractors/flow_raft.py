@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Literal
 
-import cv2
 import numpy as np
 import torch
 from torch import Tensor
@@ -18,7 +17,7 @@ from ..models.onnx import Network
 from ..models.places import find_model
 from ..registry import EXTRACTORS
 from ._flow_check import round_trip_confidence
-from ._pixels import MOST, require_input, to_uint8
+from ._pixels import MOST, require_input, resized, to_uint8
 
 STRIDE = 8  # the network's input has sides that are multiples of it
 SMALLEST = 128  # side below which its coarsest correlation has no room [px]
@@ -113,8 +112,7 @@ def padded(image: Tensor, size: tuple[int, int]) -> np.ndarray:
 
     Both sides are filled up to multiples of 8 with the edge's pixels, half on each side.
     """
-    how = cv2.INTER_AREA if image.shape[2] > size[1] else cv2.INTER_LINEAR
-    small = np.stack([cv2.resize(frame, size, interpolation=how) for frame in to_uint8(image)])
+    small = resized(to_uint8(image), size)
     (left, right), (top, below) = ((more // 2, more - more // 2) for more in (-side % STRIDE for side in size))
     wide = np.pad(small, ((0, 0), (top, below), (left, right), (0, 0)), mode="edge")
     return wide.transpose(0, 3, 1, 2).astype(np.float32)

@@ -14,7 +14,7 @@ from ..features import Features
 from ..models.onnx import Network
 from ..models.places import find_model
 from ..registry import EXTRACTORS
-from ._pixels import to_uint8
+from ._pixels import resized, to_uint8
 
 SIZE = (256, 144)  # of the network's input (W, H) [px]
 
@@ -55,7 +55,7 @@ class SegmentSelfie:
         """
         image = now.require("image")
         height, width = image.shape[2:]
-        small = np.stack([cv2.resize(frame, SIZE, interpolation=cv2.INTER_AREA) for frame in to_uint8(image)])
+        small = resized(to_uint8(image), SIZE, cv2.INTER_AREA)
         got = self.network({"input": small.transpose(0, 3, 1, 2).astype(np.float32) / 255})["output"][:, 0]
         maps = np.stack([cv2.resize(one, (width, height), interpolation=cv2.INTER_LINEAR) for one in got])
         return replace(now, subject=torch.from_numpy(maps > self.threshold).to(image.device))

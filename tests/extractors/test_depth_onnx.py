@@ -87,6 +87,16 @@ def test_sides_are_the_nearest_multiples_not_below_the_least(image, multiple, ex
     assert DepthOnnx("a.onnx", "depth", multiple=multiple)._size(*image) == expected
 
 
+@pytest.mark.parametrize(("image", "striped"), [((24, 38), 2), ((72, 13), 3)])
+def test_no_row_and_no_column_is_skipped_where_the_other_side_grows(planted, image, striped):
+    """Stripes of one pixel; the network sees 32 x 16."""
+    stripes = torch.zeros(1, 3, image[1], image[0])
+    stripes[:, :, ::2] = 1.0
+    stripes = stripes if striped == 2 else (torch.arange(image[0]) % 2).float().expand_as(stripes)
+    seen = planted(kind="depth")._input(stripes)
+    assert np.abs(seen - 0.5).max() < 0.25  # 0.5 where pixels are skipped
+
+
 def test_depth_stays_and_what_is_not_positive_is_nan(planted):
     features = halves()
     features.image[1, 0, :, :32] = 0

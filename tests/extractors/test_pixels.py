@@ -1,7 +1,9 @@
+import cv2
 import numpy as np
+import pytest
 import torch
 
-from cltransfer.extractors._pixels import normalised, to_uint8
+from cltransfer.extractors._pixels import normalised, resized, to_uint8
 
 
 def test_normalised_is_channels_first_and_of_each_channel():
@@ -28,3 +30,38 @@ def test_what_is_out_of_range_ends_at_black_and_white_and_all_else_is_rounded():
     assert to_uint8(image)[0, 0, :, 0].tolist() == [0, 0, 255, 255]
     several = torch.rand(2, 3, 5, 7, generator=torch.Generator().manual_seed(0))
     np.testing.assert_array_equal(to_uint8(several), (several * 255).round().byte().permute(0, 2, 3, 1).numpy())
+
+
+def noise(width, height):
+    return np.random.default_rng(0).integers(0, 256, (2, height, width, 3), dtype=np.uint8)
+
+
+def means_of_rows(rows, count):
+    """Area means (count, ...) of ``rows`` (h, ...)."""
+    edges = np.linspace(0, len(rows), count + 1)
+    sums = np.concatenate([np.zeros_like(rows[:1], float), rows.cumsum(0, dtype=float)])
+    whole = np.minimum(edges.astype(int), len(rows) - 1)
+    upto = sums[whole] + rows[whole] * (edges - whole)[:, None]
+    return np.diff(upto, axis=0) * count / len(rows)
+
+
+@pytest.mark.parametrize("growing", [cv2.INTER_LINEAR, cv2.INTER_CUBIC, cv2.INTER_AREA])
+@pytest.mark.parametrize(("old", "new"), [((480, 908), (768, 432)), ((908, 480), (432, 768))])
+def test_where_one_axis_grows_every_row_of_the_other_counts(growing, old, new):
+    levels = np.random.default_rng(0).integers(0, 256, (908, 3), dtype=np.uint8)
+    images = np.tile(levels[None, :, None], (2, 1, 480, 1))
+    turned = old[0] > old[1]
+    got = resized(images.swapaxes(1, 2) if turned else images, new, growing)
+    got = got.swapaxes(1, 2) if turned else got
+    assert got.shape == (2, 432, 768, 3)
+    assert np.abs(got - means_of_rows(levels, 432)[:, None]).max() < 1
+
+
+@pytest.mark.parametrize("growing", [cv2.INTER_LINEAR, cv2.INTER_CUBIC, cv2.INTER_AREA])
+@pytest.mark.parametrize(
+    ("new", "shrinks"), [((40, 25), True), ((60, 25), True), ((90, 91), False), ((60, 91), False), ((60, 50), False)]
+)
+def test_where_no_axis_goes_the_other_way_one_step_does(growing, new, shrinks):
+    images, how = noise(60, 50), cv2.INTER_AREA if shrinks else growing
+    expected = np.stack([cv2.resize(image, new, interpolation=how) for image in images])
+    np.testing.assert_array_equal(resized(images, new, growing), expected)

@@ -39,6 +39,15 @@ def test_the_mask_covers_what_is_red_on_the_pixels_of_the_image(planted):
     assert not got[1].any()  # blue
 
 
+def test_a_narrow_frame_of_stripes_is_seen_as_their_mean(planted):
+    """The network sees 144 rows of 300, and 256 columns for 120."""
+    image = torch.zeros(1, 3, 300, 120)
+    image[:, 0, ::2] = 1.0
+    features = Features((120, 300), image=image)
+    assert planted(threshold=0.3)(features).subject.all()
+    assert not planted(threshold=0.7)(features).subject.any()
+
+
 def test_the_threshold_is_a_probability(planted):
     features = Features((120, 300), image=patch(redness=0.6))
     assert planted(threshold=0.5)(features).subject.any()
