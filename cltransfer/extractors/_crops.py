@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+COARSE = 1.5  # pixels of the frame to one of the crop above which two taps along an axis leave some out
+
 
 @dataclass(frozen=True)
 class Crops:
@@ -35,10 +37,17 @@ class Crops:
         scale = (self.side / self.size)[:, None, None]
         return (points - self.size / 2) * scale @ self.turn + self.center[:, None]  # p @ R is R^T p
 
-    def cut(self, images: np.ndarray) -> np.ndarray:
-        """The crops (N, size, size, 3) uint8 of ``images`` (N, H, W, 3) uint8; black beyond the frame."""
+    def cut(self, images: np.ndarray, smooth: bool = False) -> np.ndarray:
+        """The crops (N, size, size, 3) uint8 of ``images`` (N, H, W, 3) uint8; black beyond the frame.
+
+        Args:
+            images: the frames.
+            smooth: have all pixels of a frame that the crop makes much smaller count, and not two along each axis.
+        """
         cuts = np.empty((len(images), self.size, self.size, 3), np.uint8)
-        for cut, image, matrix in zip(cuts, images, self._matrices()):
+        for cut, image, matrix, times in zip(cuts, images, self._matrices(), self.side / self.size):
+            if smooth and times > COARSE:
+                image, matrix = _averaged(image, matrix, times)
             cv2.warpAffine(image, matrix, (self.size, self.size), dst=cut)
         return cuts
 
@@ -56,6 +65,15 @@ class Crops:
         shift = self.size / 2 - (linear @ self.center[..., None])[..., 0]
         shift = shift + linear.sum(-1) / 2 - 0.5
         return np.concatenate([linear, shift[..., None]], axis=-1)
+
+
+def _averaged(image: np.ndarray, matrix: np.ndarray, times: float) -> tuple[np.ndarray, np.ndarray]:
+    """``image`` (H, W, 3) made ``times`` smaller by area averages, and ``matrix`` (2, 3) that leads from there."""
+    height, width = image.shape[:2]
+    size = max(1, round(width / times)), max(1, round(height / times))
+    step = np.array([width / size[0], height / size[1]])
+    shift = matrix[:, 2] + matrix[:, :2] @ (step / 2 - 0.5)
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.column_stack([matrix[:, :2] * step, shift])
 
 
 def about_boxes(boxes: np.ndarray, margin: float, size: int) -> Crops:

@@ -104,7 +104,7 @@ class OrientAnything:
             if self.remove_background:
                 images *= masks[rows, :, :, None]
             crops = about_boxes(boxes[rows], MARGIN, SIDE)
-            logits = self.network({self.input: normalised(crops.cut(images))})[self.output]
+            logits = self.network({self.input: normalised(crops.cut(images, smooth=True))})[self.output]
             if logits.shape[1] not in WIDTHS:
                 raise ModelError(
                     self.model, f"output {self.output}", f"expected 722 or 902 bins, got {logits.shape[1]}"

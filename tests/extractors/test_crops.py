@@ -27,6 +27,26 @@ def test_a_cut_shows_the_frame_at_the_points_to_frame_names():
     assert np.abs((seen - points).mean(axis=1)).max() < 0.1
 
 
+def test_a_smooth_cut_shows_the_frame_at_the_same_points_however_much_smaller_it_is():
+    y, x = np.mgrid[:80, :100] + 0.5
+    images = np.stack([np.stack([2 * x, 2 * y, 0 * x], axis=-1)] * 2).astype(np.uint8)
+    for size in (16, 10):  # 2 and 3, 3.2 and 4.8 pixels of the frame to one
+        v, u = np.mgrid[2 : size - 2, 2 : size - 2] + 0.5
+        points = tilted(size).to_frame(np.stack([u, v], axis=-1).reshape(1, -1, 2))
+        seen = tilted(size).cut(images, smooth=True)[:, 2:-2, 2:-2, :2].reshape(2, -1, 2) / 2
+        assert np.abs((seen - points).mean(axis=1)).max() < 0.3
+        assert np.abs(seen - points).max() < 1
+
+
+def test_a_smooth_cut_of_stripes_is_their_mean():
+    images = np.zeros((2, 80, 100, 3), np.uint8)
+    images[:, ::2] = 200
+    far, near = tilted(10), tilted(24)
+    assert np.abs(far.cut(images, smooth=True)[:, 2:-2, 2:-2] - 100.0).max() < 40
+    assert np.abs(far.cut(images)[0, 2:-2, 2:-2] - 100.0).max() > 70
+    np.testing.assert_array_equal(near.cut(images, smooth=True)[0], near.cut(images)[0])  # 1.33 to one
+
+
 def test_what_is_pasted_is_what_was_cut():
     y, x = np.mgrid[:80, :100].astype(np.float32)
     images = np.repeat(np.stack([100 + 50 * np.sin(x / 9) * np.cos(y / 7)] * 3, axis=-1)[None], 2, axis=0)

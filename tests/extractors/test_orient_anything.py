@@ -130,6 +130,23 @@ def test_a_mask_of_fewer_pixels_cuts_the_same_crop(planted, step, remove_backgro
     np.testing.assert_array_equal(*seen)
 
 
+def test_a_large_subject_of_fine_stripes_is_seen_as_their_mean(planted):
+    """Its crop has 3.2 pixels of the frame to one."""
+    seen = []
+
+    def look(given):
+        seen.append(given["pixel_values"])
+        return {"logits": RED[None]}
+
+    extractor = planted([RED, GREEN, BLUE])
+    extractor.__dict__["network"] = look
+    image = torch.zeros(1, 3, 700, 700)
+    image[:, :, ::2] = 1.0
+    extractor(Features((700, 700), image=image, subject=torch.ones(1, 700, 700, dtype=torch.bool)))
+    inside = seen[0][0, :, 8:-8, 8:-8] * STD.reshape(3, 1, 1)
+    assert np.ptp(inside, axis=(1, 2)).max() < 0.5  # 1 where rows are left out
+
+
 def test_boxes_hold_exactly_the_mask():
     masks = np.zeros((2, 20, 30), bool)
     masks[0, 3:9, 10:12] = True
