@@ -29,7 +29,10 @@ SHAPES: dict[str, tuple[int | None, ...]] = {  # behind the batch; None may be a
     "flow_confidence": (None, None),
     "orientation": (3,),
 }
-FIXED = [(name, 1 + len(shape), tuple(want for want in shape if want is not None)) for name, shape in SHAPES.items()]
+FIXED = [
+    (name, 1 + len(shape), tuple(want for want in shape if want is not None), None in shape)
+    for name, shape in SHAPES.items()
+]
 
 
 def check_shapes(own: Mapping[str, Any], extras: Mapping[str, Any]) -> None:
@@ -41,17 +44,20 @@ def check_shapes(own: Mapping[str, Any], extras: Mapping[str, Any]) -> None:
 
     Raises:
         ValueError: a field has another shape, or another number of frames than the others; an extra has a field's name;
-            the size is none, or (H, W).
+            the size is none, or (H, W) beside a map.
         TypeError: one that should be a tensor is none, a mask is not bool, or an image has no floats.
     """
-    _check_size(own["size"], own["image"])
+    _check_size(own["size"])
+    wide, high = own["size"]
     first, count = "", -1
-    for name, dimensions, fixed in FIXED:  # 7 us of 10 with all there; every evaluation makes some
+    for name, dimensions, fixed, is_map in FIXED:  # 7 us of 10 with all there; every evaluation makes some
         if (value := own[name]) is None:
             continue
         shape: tuple[int, ...] = getattr(value, "shape", ())
         if len(shape) != dimensions or shape[1 : 1 + len(fixed)] != fixed or not isinstance(value, Tensor):
             raise _misshapen(name, value)
+        if is_map and wide * shape[-1] == high * shape[-2] and shape[-1] != shape[-2]:
+            raise _transposed(own["size"], name, shape)
         if count < 0:
             first, count = name, shape[0]
         elif shape[0] != count:
@@ -82,13 +88,9 @@ def check_mask(name: str, value: Tensor) -> None:
         raise TypeError(f"{name} must be bool, got {value.dtype}; {name} > 0.5 makes it so")
 
 
-def _check_size(size: Any, image: Tensor | None) -> None:
+def _check_size(size: Any) -> None:
     if not (isinstance(size, tuple) and len(size) == 2 and all(isinstance(n, Integral) and int(n) > 0 for n in size)):
         raise ValueError(f"size must be (W, H), two whole numbers above 0, got {size!r}")
-    if image is not None and image.ndim == 4:
-        height, width = image.shape[2:]
-        if width != height and size[0] * width == size[1] * height:
-            raise ValueError(f"size must be (W, H), got {size} of images of {height} rows and {width} columns")
 
 
 def on_grid(maps: Tensor, grid: Sequence[int]) -> Tensor:
@@ -119,6 +121,11 @@ def _misshapen(name: str, value: object) -> Exception:
     elif name == "keypoints" and value.shape[-2:-1] in ((33,), (39,)):
         hint = "cltransfer.skeleton.from_blazepose makes 14 of BlazePose's"
     return ValueError(f"{name} must be ({wanted}), got {tuple(value.shape)}; {hint}")
+
+
+def _transposed(size: tuple[int, int], name: str, shape: Sequence[int]) -> ValueError:
+    got = f"got {size} where {name} has {shape[-2]} rows and {shape[-1]} columns"
+    return ValueError(f"size must be (W, H), {got}; is one of them transposed?")
 
 
 def _rowless(name: str, value: object) -> TypeError:

@@ -295,10 +295,34 @@ def test_a_size_is_two_whole_numbers_of_pixels(size: Any) -> None:
         replace(sample_features(0, 1), size=size)
 
 
-def test_a_size_of_rows_and_columns_is_told_from_one_of_width_and_height() -> None:
-    image = torch.zeros(1, 3, 36, 64)
-    for size in ((64, 36), (1280, 720), (36, 36), (np.int64(64), 36)):
-        Features(size, image=image)
+MAPS: dict[str, tuple[torch.dtype, tuple[int, ...]]] = {
+    "image": (torch.float32, (3,)),
+    "alpha": (torch.float32, ()),
+    "label": (torch.int64, ()),
+    "depth": (torch.float32, ()),
+    "expected_depth": (torch.float32, ()),
+    "subject": (torch.bool, ()),
+    "layers": (torch.bool, (3,)),
+    "flow": (torch.float32, (2,)),
+    "flow_confidence": (torch.float32, ()),
+}
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_a_size_of_rows_and_columns_is_told_from_one_of_width_and_height(name: str) -> None:
+    kind, channels = MAPS[name]
+    there = {name: torch.zeros(1, *channels, 36, 64, dtype=kind)}
+    for size in ((64, 36), (1280, 720), (36, 36), (65, 36), (np.int64(64), 36)):
+        Features(size, **there)
     for size in ((36, 64), (720, 1280)):
-        with pytest.raises(ValueError, match=r"size must be \(W, H\), got .* of images of 36 rows and 64 columns"):
-            Features(size, image=image)
+        with pytest.raises(
+            ValueError, match=rf"size must be \(W, H\), got .* where {name} has 36 rows and 64 columns;"
+        ):
+            Features(size, **there)
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_a_square_or_an_empty_map_fits_any_size(name: str) -> None:
+    kind, channels = MAPS[name]
+    for side in (0, 16):
+        Features((36, 64), **{name: torch.zeros(1, *channels, side, side, dtype=kind)})
