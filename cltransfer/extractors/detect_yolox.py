@@ -41,7 +41,8 @@ def decode_grid(raw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Person boxes of the raw grid (B, 3549, 85): centre offset, log size, objectness, 80 classes per cell.
 
     Returns:
-        Boxes (B, 3549, 4) as x, y, width, height [px of the square], and scores (B, 3549) in [0, 1].
+        Boxes (B, 3549, 4) as x, y, width, height [px of the square], and scores (B, 3549) in [0, 1], 0 where a person
+        is not the best class.
     """
     cells, strides = [], []
     for stride in STRIDES:
@@ -52,7 +53,8 @@ def decode_grid(raw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     cell, stride_px = np.concatenate(cells), np.concatenate(strides)
     center = (raw[..., :2] + cell) * stride_px
     size = np.exp(raw[..., 2:4]) * stride_px
-    return np.concatenate([center - size / 2, size], axis=-1), raw[..., 4] * raw[..., 5 + PERSON]
+    scores = np.where(raw[..., 5:].argmax(-1) == PERSON, raw[..., 4] * raw[..., 5 + PERSON], 0)
+    return np.concatenate([center - size / 2, size], axis=-1), scores
 
 
 def main_box(boxes: np.ndarray, scores: np.ndarray, min_score: float) -> np.ndarray:
@@ -98,7 +100,7 @@ class DetectYolox:
 
     Args:
         model: ONNX file, ``images`` (1, 3, 416, 416) BGR 0-255 -> ``output`` (1, 3549, 85), the raw grid.
-        min_score: objectness times class score a person needs, in [0, 1].
+        min_score: objectness times class score a person needs, in [0, 1]; that must be the best class.
     """
 
     requires: ClassVar[tuple[str, ...]] = ("image",)

@@ -8,7 +8,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from cltransfer.clips.clip import read_clip
 from cltransfer.errors import ModelError
-from cltransfer.extractors.detect_yolox import DetectYolox, main_box
+from cltransfer.extractors.detect_yolox import PERSON, DetectYolox, decode_grid, main_box
 from cltransfer.features import Features
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
@@ -79,6 +79,17 @@ def test_a_frame_without_a_person_is_nan_and_the_others_are_as_alone(planted):
 @pytest.mark.parametrize("size", [(1000, 2), (2, 1000)])
 def test_a_frame_that_is_thinner_than_a_pixel_of_the_network_is_read(planted, size):
     assert planted(Features(size, image=torch.zeros(1, 3, size[1], size[0]))).box.isnan().all()
+
+
+def test_a_cell_is_a_person_where_that_is_its_best_class():
+    dog = 16
+    raw = np.zeros((1, 3549, 85), np.float32)
+    raw[0, :, 4] = 0.9
+    raw[0, :3, 5 + PERSON] = 0.6, 0.6, 0.4
+    raw[0, :3, 5 + dog] = 0.8, 0.5, 0.0
+    scores = decode_grid(raw)[1]
+    np.testing.assert_allclose(scores[0, :4], [0, 0.54, 0.36, 0], rtol=1e-6)
+    assert scores.dtype == np.float32
 
 
 def test_the_main_person_has_the_largest_score_times_area():
