@@ -96,7 +96,8 @@ class PoseBlazepose:
             (1, 1) presence, ``output2`` (1, 1, 256, 256) mask, ``output4`` (1, 117) world landmarks; where the file has
             other names each is known by its shape, channels first or last.
         second_crop: look again at a crop that the first look's landmarks centre and turn upright.
-        min_presence: probability of a person that counts as one, in [0, 1].
+        min_presence: probability of a person that counts as one, in [0, 1]; by 0 every box has one, so that none is
+            guessed where the detector loses the person.
         give: what of joints (``keypoints``), person's pixels (``subject``) and ``orientation`` to provide, so that
             other networks can give the rest.
     """
@@ -104,7 +105,7 @@ class PoseBlazepose:
     requires: ClassVar[tuple[str, ...]] = ("image", "box")
     provides: ClassVar[tuple[str, ...]] = GIVES
     family: ClassVar[Literal["image", "scene", "both"]] = "image"
-    doubts_boxes: ClassVar[bool] = True  # by min_presence
+    doubts_boxes: ClassVar[bool] = True  # by min_presence, unless it is 0
     model: str = "mp_pose_landmark_lite.onnx"
     second_crop: bool = True
     min_presence: float = 0.5
@@ -116,6 +117,7 @@ class PoseBlazepose:
         object.__setattr__(self, "provides", tuple(name for name in GIVES if name in self.give))
         if not 0 <= self.min_presence <= 1:
             raise ValueError(f"min_presence must be in [0, 1], got {self.min_presence}")
+        object.__setattr__(self, "doubts_boxes", self.min_presence > 0)
 
     @property
     def passes(self) -> int:

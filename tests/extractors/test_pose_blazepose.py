@@ -13,6 +13,7 @@ from cltransfer.errors import UsageError
 from cltransfer.extractors.detect_yolox import DetectYolox
 from cltransfer.extractors.pose_blazepose import BODY, HIPS, PoseBlazepose, body_orientation, whole_bodies
 from cltransfer.features import Features
+from cltransfer.pipeline.plan import Plan, Step
 from cltransfer.registry import EXTRACTORS
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data"
@@ -213,6 +214,12 @@ def test_a_box_cut_by_the_lower_edge_goes_on_to_the_feet():
 )
 def test_a_body_that_lies_at_the_lower_edge_is_not_taken_for_a_standing_one(box, height):
     assert whole_bodies(np.array([box], float), 1000)[0, 3] == height
+
+
+def test_a_box_is_doubted_unless_every_box_has_a_person():
+    steps = [Step("pose_blazepose", PoseBlazepose(min_presence=presence)) for presence in (0.5, 0.01, 0.0)]
+    guessed = [Plan((step,), frozenset(), frozenset(), {}).doubts_boxes for step in steps]
+    assert guessed == [True, True, False]
 
 
 def test_options_out_of_range_are_refused():
