@@ -10,6 +10,7 @@ from torch import Tensor
 from .clips.kept_clip import kept_clip
 from .clips.pairs import open_pairs
 from .clips.source import ClipSource
+from .clips.taught import taught_notes
 from .computer.threads import default_count, set_threads, threads_restored
 from .config.options import RunConfig
 from .errors import InputError
@@ -72,6 +73,7 @@ def evaluate(
     title = f"{found.path.name} against {asked.path.name}"
     asked, found = kept_clip(asked), kept_clip(found)
     both, flags, drawn = open_pairs(asked, found, config.frames)
+    drawn = (*taught_notes(found, asked), *drawn)
     plan.load_networks()
     taught, made, times = both.reference.image, both.render.image, both.shown
     check_maps(taught, made)

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from cltransfer.bench.synthetic_room import room_cameras
 from cltransfer.clips.clip import write_video
+from cltransfer.clips.image_folder import clip_hash
 from cltransfer.clips.open_clip import ASSUMED
 from cltransfer.clips.pairs import OWN_BARS, open_pairs
 from cltransfer.clips.source import ClipSource
@@ -133,6 +134,20 @@ def test_a_run_is_scored_by_the_frames_it_has_kept(
         said = json.loads(answer.out)
         assert (said["metrics"]["total"]["mean"], said["title"]) == (0, title)
     assert command("evaluate", clip, f"{run}#fps=30", *mean_flow, "--quiet").code == 2
+
+
+def test_a_run_that_a_part_of_the_reference_taught_is_told_to_be_scored_against_other_moments(
+    config: RunConfig, clip: Path, tmp_path: Path
+) -> None:
+    run = tmp_path / "run"
+    write_video(run / "video" / "frames.mkv", pan()[4:], torch.arange(6).double() / 30, lossless=True)
+    taught = {"sha256": clip_hash(clip), "part": "t=0.133"}
+    (run / "manifest.json").write_text(json.dumps({"format": "cltransfer.run", "reference": taught}))
+    (run / "DONE").touch()
+    notes = evaluate(clip, run, config).notes
+    assert notes[0].startswith("render: taught by REFERENCE#t=0.133, and scored against another part of it")
+    report = evaluate(f"{clip}#t=0.133", run, config)
+    assert (report.scores.total, report.notes) == (0, ())
 
 
 def test_a_run_whose_frames_are_closer_than_a_millisecond_is_scored_by_all_of_them(

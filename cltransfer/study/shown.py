@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,14 +15,14 @@ from ..clips.image_folder import clip_hash
 from ..clips.kept_clip import kept_clip
 from ..clips.open_clip import open_clip
 from ..clips.source import ClipSource
+from ..clips.taught import MOMENT, Lesson, taught_otherwise
 from ..errors import InputError, UsageError
 from ..report.side_by_side import reference_side
 from ..storage.files import read_json
-from ..storage.run_files import BESIDE, FRAMES, MANIFEST, METRICS, TRAJECTORY, is_run, kept_frames, require_done
+from ..storage.run_files import BESIDE, FRAMES, METRICS, TRAJECTORY, is_run, kept_frames, require_done
 from ..trajectory import Trajectory
 
 SHEET_SIDE = 8192  # a sheet is cut where it was put together, so it is read as large as it is [px]
-MOMENT = 1e-3  # [s]; nearer ones are one
 
 
 @dataclass(frozen=True)
@@ -86,10 +87,14 @@ def reference_of(group: Sequence[ClipSource], given: ClipSource | None) -> Shown
     """The reference of one sample: ``given``, or the one that the runs of ``group`` share and keep.
 
     Raises:
-        UsageError: none is given of clips, or of parts of runs.
+        UsageError: none is given of clips, or of parts of runs, or other moments of it taught one.
         InputError: it cannot be read, or the runs have different ones.
     """
     if given is not None:
+        for where in group:
+            if (taught := taught_otherwise(where, given, shown=True)) is not None:
+                reason = f"other moments of it taught {where.named}"
+                raise UsageError(given.named, "--reference", reason, f"name {shlex.quote(taught.named)}")
         return clip_of(given)
     if not all(is_run(where.path) for where in group):
         raise UsageError("", "--reference", "clips do not know theirs", "name one for each sample")
@@ -100,33 +105,28 @@ def reference_of(group: Sequence[ClipSource], given: ClipSource | None) -> Shown
 
 @dataclass(frozen=True)
 class _Taught:
-    """What taught a run: digest of its reference, the part of it, and when its frames are shown.
+    """What taught a run, and when its frames are shown.
 
     A manifest of before parts were written knows neither part nor times.
     """
 
-    digest: str
-    part: str | None
+    by: Lesson
     times: Tensor | None  # (N,) [s]
 
     def other(self, than: _Taught) -> bool:
         """Whether the two are known to differ."""
-        if self.digest != than.digest:
+        if self.by.digest != than.by.digest:
             return True
         if self.times is None or than.times is None:
             return False
         alike = self.times.shape == than.times.shape and torch.allclose(self.times, than.times, rtol=0, atol=MOMENT)
-        return self.part != than.part or not alike
+        return self.by.part != than.by.part or not alike
 
 
 def _taught_by(run: Path) -> _Taught:
     """What taught ``run``, as its manifest and its trajectory say."""
-    manifest = read_json(run / MANIFEST)
-    reference = manifest.get("reference", {}) if isinstance(manifest, dict) else None
-    if not isinstance(reference, dict):
-        raise InputError(run / MANIFEST, "reference", "is no manifest of a run", "make the run anew")
-    digest, part = str(reference.get("sha256")), reference.get("part")
-    return _Taught(digest, part, None if part is None else Trajectory.load(run / TRAJECTORY).times)
+    lesson = Lesson.of(run)
+    return _Taught(lesson, None if lesson.part is None else Trajectory.load(run / TRAJECTORY).times)
 
 
 def _own_reference(group: Sequence[Path]) -> Shown:

@@ -20,6 +20,7 @@ import pytest
 import torch
 
 from cltransfer.clips.clip import read_clip, write_video
+from cltransfer.clips.image_folder import clip_hash
 from cltransfer.clips.open_clip import ASSUMED
 from cltransfer.errors import InputError, UsageError
 from cltransfer.report.side_by_side import reference_side, side_by_side
@@ -187,6 +188,20 @@ def test_runs_that_other_parts_of_a_clip_have_taught_are_no_sample(
     for code, error in (study("t=0,1"), study("", 2.0)):
         assert code == 3
         assert re.search("run[0-9]+: reference: is not that of .*part of it", error)
+
+
+def test_a_reference_of_other_moments_than_those_that_taught_a_run_is_refused(
+    clips: Wanted, tiny_run: Path, tmp_path: Path
+) -> None:
+    reference, runs = clips.references[0], []
+    for name, levels in (("first", 255), ("second", 127)):
+        runs.append(another(tiny_run, tmp_path / name, levels))
+        told = json.loads((runs[-1] / "manifest.json").read_text())
+        told["reference"] |= {"sha256": clip_hash(Path(reference)), "part": "t=0.25,0.5&person=1"}
+        (runs[-1] / "manifest.json").write_text(json.dumps(told))
+    with pytest.raises(UsageError, match=rf"--reference: other moments of it taught {runs[0]} .name '{reference}#t=0"):
+        build_study(Wanted(tuple(runs), ("a", "b"), (reference,)), tmp_path / "page")
+    build_study(Wanted(tuple(runs), ("a", "b"), (f"{reference}#t=0.25,0.5",)), tmp_path / "page")
 
 
 @pytest.mark.parametrize("height", [36, 37, 270, 288, 289, 720])
