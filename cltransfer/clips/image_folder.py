@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from itertools import pairwise
 from pathlib import Path
 
@@ -70,7 +71,7 @@ def folder_times(folder: Path, files: list[Path], fps: float | None = None) -> n
 
     Raises:
         InputError: ``times.json`` does not fit or tells times that are none of frames, or there is none and an image is
-            missing.
+            missing, or not numbered as the others are.
         UsageError: there are both ``times.json`` and ``fps``.
     """
     if untimed(folder):
@@ -91,11 +92,13 @@ def folder_times(folder: Path, files: list[Path], fps: float | None = None) -> n
 
 
 def _check_no_gap(files: list[Path]) -> None:
-    numbers = _counting([[int(digits) for digits in re.findall(r"\d+", file.stem)] for file in files])
+    named = [[int(digits) for digits in re.findall(r"\d+", file.stem)] for file in files]
+    hint = f"put {TIMES} there, a JSON list of {len(files)} seconds, one per image, or"
+    _check_alike(files, [len(numbers) for numbers in named], f"{hint} take away what is none of its frames")
+    numbers = _counting(named)
     if numbers is None:
         return
-    step = min((b - a for a, b in pairwise(numbers)), default=1)
-    hint = f"put {TIMES} there, a JSON list of {len(files)} seconds, one per image, or renumber them"
+    step, hint = min((b - a for a, b in pairwise(numbers)), default=1), f"{hint} renumber them"
     if step <= 0:
         raise InputError(files[0].parent, "numbers", "do not count up", hint)
     for (a, b), file in zip(pairwise(numbers), files[1:]):
@@ -103,14 +106,21 @@ def _check_no_gap(files: list[Path]) -> None:
             raise InputError(file, "number", f"follows number {a}, expected {a + step}: an image is missing", hint)
 
 
+def _check_alike(files: list[Path], counts: list[int], hint: str) -> None:
+    """Refuse files in whose names there are not equally many numbers, ``counts`` each: some are of something else."""
+    often = Counter(counts)
+    usual, rare = max(often, key=often.__getitem__), min(reversed(often), key=often.__getitem__)
+    if usual != rare:
+        other = files[counts.index(usual)].name
+        raise InputError(files[counts.index(rare)], "number", f"is not numbered as {other} is", hint)
+
+
 def _counting(named: list[list[int]]) -> list[int] | None:
     """Of the numbers in each name those that count: the last that are not the same throughout; None where none are.
 
-    >>> _counting([[1, 1080], [2, 1080]]), _counting([[1], [2, 7]])
+    >>> _counting([[1, 1080], [2, 1080]]), _counting([[7], [7]])
     ([1, 2], None)
     """
-    if len({len(numbers) for numbers in named}) > 1:
-        return None
     return next((list(column) for column in reversed(list(zip(*named))) if len(set(column)) > 1), None)
 
 

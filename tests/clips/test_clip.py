@@ -660,6 +660,25 @@ def test_the_number_of_an_image_is_the_last_in_its_name_that_counts(tmp_path, na
         assert len(read_clip(tmp_path)) == 3
 
 
+@pytest.mark.parametrize(
+    ("names", "foreign"),
+    [
+        (["frame_0001", "frame_0002", "frame_0004", "thumb"], "thumb"),
+        (["frame_0001", "frame_0001 (1)", "frame_0002"], "frame_0001 (1)"),
+        (["depth16_0001", "depth16_0002", "rgb_0001", "rgb_0002"], "rgb_0001"),
+    ],
+)
+def test_an_image_that_is_not_numbered_as_the_others_is_no_frame(tmp_path, names, foreign):
+    picture = noise(1, (16, 16))[0].permute(1, 2, 0).numpy()
+    for name in names:
+        cv2.imwrite(str(tmp_path / f"{name}.png"), picture)
+    told = refused(tmp_path, "number", "is not numbered as .*_0001.png is")
+    assert Path(told.where).stem == foreign
+    assert told.hint.endswith("one per image, or take away what is none of its frames")
+    (tmp_path / "times.json").write_text(json.dumps(list(range(len(names)))))
+    assert len(read_clip(tmp_path)) == len(names)
+
+
 def test_a_folder_with_a_gap_a_foreign_size_or_a_broken_image_names_the_file(folder):
     whole = (folder / "f7.png").read_bytes()
     (folder / "f7.png").write_bytes(whole[: len(whole) // 2])
