@@ -25,6 +25,7 @@ from ..errors import InputError
 from ..registry.declared import SCENE_SUFFIXES
 from .alpha import has_alpha
 from .alpha import over_black as laid_over_black
+from .frame_notes import notes_on
 from .image_header import exif_orientation, states_aspect, stored_size
 from .jpeg_end import jpeg_ends
 from .png_chunks import PNG, drawn_chunks
@@ -34,7 +35,6 @@ PIXEL_LIMIT = 4096 * 2160  # of a video's frame: what cinemas and many cameras c
 STILL_LIMIT = 64_000_000  # of an image file: 9504x6336; while one is read 0.3 GB, with alpha up to 1.2 GB
 WIDENED = 4  # times as many that a video's frame is shown with at most: lenses of films squeeze by two
 UNSAID = 2  # colour matrix of a file that does not tell it, as FFmpeg counts them
-HDR = {16: "PQ", 18: "HLG"}  # transfer functions, as FFmpeg counts them
 HD = 720  # rows from which on a video that does not say is of BT.709, and not of BT.601
 SCAN_LIMIT = 200_000  # frames of a file that are looked at, over two hours at 24 fps
 IMAGE_BYTE_LIMIT = 2**28
@@ -243,14 +243,7 @@ def _checked(path: Path, index: int, raw: av.VideoFrame, stream: VideoStream, ex
     upright = size if turns % 2 == 0 else size[::-1]
     _check_size(path, field, (raw.width, raw.height))
     _check_size(path, field, upright, 1 if _is_image(path) else WIDENED)
-    return Frame(raw, upright, raw.time, turns, mirrored, tuple(_notes(raw, stream)))
-
-
-def _notes(raw: av.VideoFrame, stream: VideoStream) -> Iterator[str]:
-    if raw.interlaced_frame and stream.codec_context.name != "png":  # whose rows are of one moment in any order
-        yield "interlaced: two moments in each frame (deinterlace it first, as by ffmpeg -vf bwdif)"
-    if (transfer := HDR.get(stream.codec_context.color_trc)) is not None:
-        yield f"HDR ({transfer}): read as if it were SDR, washed out (convert it first)"
+    return Frame(raw, upright, raw.time, turns, mirrored, tuple(notes_on(raw, stream)))
 
 
 def _aspect(path: Path, stream: VideoStream) -> float:
