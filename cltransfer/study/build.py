@@ -16,13 +16,13 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import cv2
-import numpy as np
 import torch
 from markupsafe import Markup
 
 from ..clips.clip import write_video
 from ..clips.open_clip import ASSUMED, rate_assumed
 from ..clips.source import ClipSource
+from ..computer.memory import require_free
 from ..errors import UsageError
 from ..report.policy import csp_hash
 from ..report.template import rendered
@@ -32,7 +32,7 @@ from ..storage.pages import INDEX, check_page
 from ..storage.unfinished import clear_left
 from .design import NO_STUDY, QUESTIONS, Study, design
 from .folder import MARK, check_key, key_of
-from .shown import Shown, clip_of, digest_of, kept, reference_of, source_of
+from .shown import SHORTER, Shown, clip_of, digest_of, kept, reference_of, source_of
 
 FILES = re.compile(r"index\.html|README\.txt")  # that are written into the folder under a temporary name
 SIDE = 720  # largest height of a video [px]
@@ -71,6 +71,7 @@ def build_study(wanted: Wanted, out: Path) -> tuple[Study, Path]:
         UsageError: runs, methods and references do not go together, one clip is compared with itself, the folder holds
             something else, or the key beside it is that of another study.
         InputError: a clip cannot be read, or the runs of a sample have different references; nothing was written.
+        ResourceError: there is no memory for the frames of a sample; nothing was written.
     """
     out = out.resolve()  # its name tells the key's, "." has none
     groups, references = _groups(wanted)
@@ -106,8 +107,8 @@ def _write_sample(
     clips = [clip_of(where) for where in group]
     height = min(SIDE, *(clip.image.shape[2] for clip in clips))
     for method, clip in zip(study.methods, clips):
-        _write(folder / f"{token_of[method]}.mp4", clip, height)
-    _write(folder / f"{_reference_token(study, sample)}.mp4", reference, height)
+        write_level(folder / f"{token_of[method]}.mp4", clip, height)
+    write_level(folder / f"{_reference_token(study, sample)}.mp4", reference, height)
 
 
 def _groups(wanted: Wanted) -> tuple[list[list[ClipSource]], list[ClipSource]]:
@@ -134,12 +135,23 @@ def _got(sources: Sequence[str | Path]) -> str:
     return f"got {len(sources)}"
 
 
-def _write(path: Path, clip: Shown, height: int) -> None:
-    """The clip at one height for all, by one encoder: neither size nor compression tells whose it is."""
-    source = clip.image.shape[2:]
-    size = (max(2, round(source[1] * height / source[0] / 2) * 2), height - height % 2)
-    frames = [cv2.resize(frame, size, interpolation=cv2.INTER_AREA) for frame in clip.image.permute(0, 2, 3, 1).numpy()]
-    write_video(path, torch.from_numpy(np.stack(frames)).permute(0, 3, 1, 2), clip.times)
+def write_level(path: Path, clip: Shown, height: int) -> None:
+    """The clip at one height for all, by one encoder: neither size nor compression tells whose it is.
+
+    Raises:
+        ResourceError: there is no memory for its frames at that height.
+    """
+    count, source = len(clip.times), clip.image.shape[2:]
+    width, height = max(2, round(source[1] * height / source[0] / 2) * 2), height - height % 2
+    image = clip.image
+    if image.shape[2:] != (height, width):
+        what = f"{count} frames at {width}x{height}, beside those that were read,"
+        require_free(3 * count * width * height, clip.named, what, SHORTER)
+        image = torch.empty((count, 3, height, width), dtype=torch.uint8)
+        for level, frame in zip(image, clip.image.permute(0, 2, 3, 1)):
+            resized = cv2.resize(frame.numpy(), (width, height), interpolation=cv2.INTER_AREA)
+            level[:] = torch.from_numpy(resized).permute(2, 0, 1)
+    write_video(path, image, clip.times)
 
 
 def _reference_token(study: Study, sample: str) -> str:

@@ -23,14 +23,16 @@ from ..storage.run_files import BESIDE, FRAMES, METRICS, TRAJECTORY, is_run, kep
 from ..trajectory import Trajectory
 
 SHEET_SIDE = 8192  # a sheet is cut where it was put together, so it is read as large as it is [px]
+SHORTER = "cut it, #t=START,END"
 
 
 @dataclass(frozen=True)
 class Shown:
-    """A video to show: frames (N, 3, H, W) uint8 at times (N,) [s]."""
+    """A video to show: frames (N, 3, H, W) uint8 at times (N,) [s], and what they were read from."""
 
     image: Tensor  # (N, 3, H, W)
     times: Tensor  # (N,)
+    named: str
 
 
 def source_of(source: str | Path) -> ClipSource:
@@ -72,7 +74,7 @@ def clip_of(where: ClipSource) -> Shown:
     clip, _ = open_clip(as_is)
     if is_run(where.path) and replace(where, letterbox=None, cuts=None) == ClipSource(where.path):
         _check_whole(where.path, len(clip.times), kept_frames(where.path))
-    return Shown(clip.image, clip.times)
+    return Shown(clip.image, clip.times, where.named)
 
 
 def _check_whole(run: Path, count: int, video: Path) -> None:
@@ -141,4 +143,4 @@ def _own_reference(group: Sequence[Path]) -> Shown:
         raise InputError(sheet, "", "no such file", "name the reference: --reference CLIP")
     clip = read_clip(sheet, max_side=SHEET_SIDE)
     _check_whole(group[0], len(clip.times), sheet)
-    return Shown(reference_side(clip.image), clip.times)
+    return Shown(reference_side(clip.image), clip.times, str(sheet))

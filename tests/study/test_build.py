@@ -22,10 +22,10 @@ import torch
 from cltransfer.clips.clip import read_clip, write_video
 from cltransfer.clips.image_folder import clip_hash
 from cltransfer.clips.open_clip import ASSUMED
-from cltransfer.errors import InputError, UsageError
+from cltransfer.errors import InputError, ResourceError, UsageError
 from cltransfer.report.side_by_side import reference_side, side_by_side
 from cltransfer.storage.run_files import BESIDE, FRAMES, TRAJECTORY
-from cltransfer.study.build import WRITTEN, Wanted, build_study
+from cltransfer.study.build import WRITTEN, Wanted, build_study, write_level
 from cltransfer.study.build import page as page_of
 from cltransfer.study.design import NO_STUDY, Study, design
 from cltransfer.study.shown import clip_of, digest_of, source_of
@@ -97,6 +97,19 @@ def test_both_clips_of_a_pair_are_equally_high_and_keep_their_frames(clips: Want
     found = [read_clip(tmp_path / "page" / "videos" / f"{token}.mp4") for token in study.clips]
     assert [tuple(clip.image.shape) for clip in found] == [(6, 3, 18, 32)] * 2
     torch.testing.assert_close(found[0].times, torch.arange(6).double() / 12, atol=1e-4, rtol=0)
+
+
+def test_frames_are_brought_to_one_height_where_there_is_memory_for_it(
+    clips: Wanted, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clip = clip_of(source_of(clips.runs[0]))
+    monkeypatch.setenv("CLTRANSFER_MEMORY", "1")  # MB, less than this process takes
+    with pytest.raises(ResourceError, match=r"quetzal1\.mp4: memory: 6 frames at 32x18, .* need .*, or cut it, #t=S"):
+        write_level(tmp_path / "level.mp4", clip, 18)
+    assert not (tmp_path / "level.mp4").exists()
+    write_level(tmp_path / "level.mp4", clip, 36)  # as high as they are: nothing is copied
+    write_video(tmp_path / "as_is.mp4", clip.image, clip.times)
+    assert (tmp_path / "level.mp4").read_bytes() == (tmp_path / "as_is.mp4").read_bytes()
 
 
 def test_the_key_reads_back(page: tuple[Path, Path]) -> None:
