@@ -155,7 +155,7 @@ def _stack(path: Path, frames: Iterator[Frame], count: int, max_side: int) -> tu
     need = 3 * count * size[0] * size[1]
     if need > BYTE_LIMIT:
         reason = f"{count} of {size[0]}x{size[1]} need {need} bytes, the limit is {BYTE_LIMIT}"
-        raise InputError(path, "frames", reason, "keep fewer or smaller frames")
+        raise InputError(path, "frames", reason, HINT)
     require_free(need, path, f"{count} frames of {size[0]}x{size[1]}", HINT)
     image = torch.empty((count, 3, size[1], size[0]), dtype=torch.uint8)
     image[0] = torch.from_numpy(first.rgb(size)).permute(2, 0, 1)

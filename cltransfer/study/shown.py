@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,9 +15,10 @@ from ..clips.clip import read_clip
 from ..clips.image_folder import clip_hash
 from ..clips.kept_clip import kept_clip
 from ..clips.open_clip import open_clip
+from ..clips.part import HINT
 from ..clips.source import ClipSource
 from ..clips.taught import MOMENT, Lesson, taught_otherwise
-from ..errors import InputError, UsageError
+from ..errors import InputError, ResourceError, UsageError
 from ..report.side_by_side import reference_side
 from ..storage.files import read_json
 from ..storage.run_files import BESIDE, FRAMES, METRICS, TRAJECTORY, is_run, kept_frames, require_done
@@ -24,6 +26,7 @@ from ..trajectory import Trajectory
 
 SHEET_SIDE = 8192  # a sheet is cut where it was put together, so it is read as large as it is [px]
 SHORTER = "cut it, #t=START,END"
+NAME_IT = "name the reference: --reference CLIP"
 
 
 @dataclass(frozen=True)
@@ -68,13 +71,26 @@ def clip_of(where: ClipSource) -> Shown:
     """The frames of a run folder, as they were kept, or of a clip.
 
     Raises:
-        InputError: they cannot be read, or some were cut off.
+        InputError: they cannot be read, are too many, or some were cut off.
+        ResourceError: they do not fit in memory.
     """
     as_is = replace(kept_clip(where), letterbox=where.letterbox or "keep", cuts=where.cuts or "keep")
-    clip, _ = open_clip(as_is)
+    with _advised(SHORTER):
+        clip, _ = open_clip(as_is)
     if is_run(where.path) and replace(where, letterbox=None, cuts=None) == ClipSource(where.path):
         _check_whole(where.path, len(clip.times), kept_frames(where.path))
     return Shown(clip.image, clip.times, where.named)
+
+
+@contextmanager
+def _advised(hint: str) -> Iterator[None]:
+    """Refusals of a clip that is too large advise this ``hint``: a study has no ``frames=N``."""
+    try:
+        yield
+    except (InputError, ResourceError) as error:
+        if HINT not in error.hint:
+            raise
+        raise type(error)(error.where, error.field, error.reason, error.hint.replace(HINT, hint)) from None
 
 
 def _check_whole(run: Path, count: int, video: Path) -> None:
@@ -140,7 +156,8 @@ def _own_reference(group: Sequence[Path]) -> Shown:
             raise InputError(run, "reference", f"is not that of {group[0]}", hint)
     sheet = group[0] / BESIDE
     if not sheet.is_file():
-        raise InputError(sheet, "", "no such file", "name the reference: --reference CLIP")
-    clip = read_clip(sheet, max_side=SHEET_SIDE)
+        raise InputError(sheet, "", "no such file", NAME_IT)
+    with _advised(NAME_IT):
+        clip = read_clip(sheet, max_side=SHEET_SIDE)
     _check_whole(group[0], len(clip.times), sheet)
     return Shown(reference_side(clip.image), clip.times, str(sheet))

@@ -19,6 +19,7 @@ import cv2
 import pytest
 import torch
 
+from cltransfer.clips import part
 from cltransfer.clips.clip import read_clip, write_video
 from cltransfer.clips.image_folder import clip_hash
 from cltransfer.clips.open_clip import ASSUMED
@@ -97,6 +98,26 @@ def test_both_clips_of_a_pair_are_equally_high_and_keep_their_frames(clips: Want
     found = [read_clip(tmp_path / "page" / "videos" / f"{token}.mp4") for token in study.clips]
     assert [tuple(clip.image.shape) for clip in found] == [(6, 3, 18, 32)] * 2
     torch.testing.assert_close(found[0].times, torch.arange(6).double() / 12, atol=1e-4, rtol=0)
+
+
+def test_a_clip_that_is_too_large_is_refused_with_what_a_study_can_do(
+    clips: Wanted, tiny_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, runs = tmp_path / "page", (tiny_run, another(tiny_run, tmp_path / "other"))
+    with monkeypatch.context() as patch:
+        patch.setenv("CLTRANSFER_MEMORY", "1")  # MB, less than this process takes
+        with pytest.raises(ResourceError, match=r"or cut it, #t=START,END\)$"):
+            build_study(clips, out)
+        with pytest.raises(ResourceError, match=r"side_by_side\.mp4.* or name the reference: --reference CLIP\)$"):
+            build_study(Wanted(runs, ("a", "b")), out)
+    monkeypatch.setattr(part, "BYTE_LIMIT", 10)
+    with pytest.raises(InputError, match=r"the limit is 10 \(cut it, #t=START,END\)$"):
+        build_study(clips, out)
+    with pytest.raises(InputError, match=r"side_by_side\.mp4.* is 10 \(name the reference: --reference CLIP\)$"):
+        build_study(Wanted(runs, ("a", "b")), out)
+    monkeypatch.setattr(part, "FRAME_LIMIT", 5)
+    with pytest.raises(InputError, match=r"at most 5 to keep, got 6 \(cut it, #t=START,END\)$"):
+        build_study(clips, out)
 
 
 def test_frames_are_brought_to_one_height_where_there_is_memory_for_it(
