@@ -48,8 +48,8 @@ class Registry(Generic[T]):
         """Decorate a frozen dataclass to make it component ``name``; one that is defined again replaces itself.
 
         Raises:
-            ModelError: the name is taken or cannot be written in a config, or the class is no frozen dataclass or lacks
-                what its kind declares.
+            ModelError: the name is taken or cannot be written in a config, or the class is no frozen dataclass, has an
+                option without a type or lacks what its kind declares.
         """
         if not NAME.fullmatch(name):
             reason = "expected small letters, digits and _, a letter first, so that key=value can name it"
@@ -58,9 +58,6 @@ class Registry(Generic[T]):
             raise ModelError("", f"{self.kind} {name!r}", "the name is that of another column; choose another")
 
         def add(cls: type[T]) -> type[T]:
-            params = getattr(cls, "__dataclass_params__", None)
-            if params is None or not params.frozen:
-                raise ModelError("", f"{self.kind} {name!r}", "expected @dataclass(frozen=True) below @register")
             check_declared(f"{self.kind} {name!r}", cls, self.declared)
             foreign = not cls.__module__.startswith("cltransfer.")
             if foreign and name in self._built_in():

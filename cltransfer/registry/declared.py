@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import math
 import re
 import reprlib
@@ -69,17 +70,47 @@ class Declared:
         return "" if told_by_each or self.right(value) else f"has {self.name} = {reprlib.repr(value)}"
 
 
+def odd_options(cls: type[Any]) -> tuple[str, str] | None:
+    """What of the options that are written in a class would be none, or have its base's default, and what to do.
+
+    That its base is a dataclass a class inherits, with the base's options: its own are none then. None if all is well.
+    """
+    params, wanted = vars(cls).get("__dataclass_params__"), "expected @dataclass(frozen=True) below @register"
+    if params is None or not params.frozen:
+        came = "one that is not frozen" if params else "that of its base" if dataclasses.is_dataclass(cls) else "none"
+        return f"{wanted}, class {cls.__name__} has {came}", f"write it above class {cls.__name__}"
+    for option in dataclasses.fields(cls):
+        owner = [base for base in cls.__mro__ if _own_options(base).get(option.name) is option][-1]
+        for base in cls.__mro__[: cls.__mro__.index(owner)]:
+            value = vars(base).get(option.name, option.default)
+            kept = isinstance(value, MemberDescriptorType) or getattr(value, "fset", None) is not None
+            if not kept and value != option.default:
+                came = f"class {base.__name__} has {option.name} = {reprlib.repr(value)}"
+                reason = f"expected options with their types, {came}: without one it stays as {owner.__name__} has it"
+                hint = option.type if isinstance(option.type, str) else inspect.formatannotation(option.type)
+                return reason, f"write {option.name}: {hint} = ..."
+    return None
+
+
+def _own_options(cls: type[Any]) -> dict[str, dataclasses.Field[Any]]:
+    options: dict[str, dataclasses.Field[Any]] = vars(cls).get("__dataclass_fields__", {})
+    return options
+
+
 def check_declared(what: str, cls: type[Any], wanted: Iterable[Declared]) -> None:
     """Refuse a class that is no component.
 
     Args:
         what: the component, for the line.
-        cls: its frozen dataclass.
+        cls: its class.
         wanted: what such a class declares.
 
     Raises:
-        ModelError: something is missing or cannot be meant; the line says how it is written.
+        ModelError: it is no frozen dataclass, or something is missing or cannot be meant; the line says how it is
+            written.
     """
+    if odd := odd_options(cls):
+        raise ModelError("", what, *odd)
     for declared in wanted:
         found = declared.found(cls) if declared.when(cls) else ""
         if found:

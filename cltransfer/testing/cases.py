@@ -12,6 +12,7 @@ from torch import Tensor
 from ..feature_values import odd_values
 from ..features import Features
 from ..pipeline.given import replaced
+from ..registry.declared import odd_options
 from .samples import sample_features
 
 
@@ -51,9 +52,8 @@ class ComponentCase:
         return features
 
     def test_is_frozen_dataclass(self) -> None:
-        params: Any = getattr(type(self.component), "__dataclass_params__", None)
-        assert params is not None
-        assert params.frozen
+        odd = odd_options(type(self.component))
+        assert odd is None, f"{odd[0]} ({odd[1]})"
 
 
 class ExtractorCase(ComponentCase):

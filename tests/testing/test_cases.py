@@ -108,3 +108,22 @@ def test_an_extractor_that_wants_a_frame_before_for_each_is_told_before_a_search
     OneForEach().test_batch_equals_single()
     with pytest.raises(Exception, match=r"one number of frames|index 1"):
         OneForEach().test_one_frame_before_serves_a_batch()
+
+
+@dataclass(frozen=True)
+class Faster(Flicker):
+    provides = ("faster",)  # type: ignore[misc]
+
+
+class Undecorated(Flicker):
+    gain: float = 2.0
+
+
+def test_a_class_whose_options_are_its_base_s_is_found_out() -> None:
+    class OfFaster(ExtractorCase):
+        component: ClassVar[Any] = Faster()
+
+    OfFaster().test_is_frozen_dataclass()
+    OfFaster.component = Undecorated()
+    with pytest.raises(AssertionError, match=r"^expected @dataclass\(frozen=True\).*Undecorated has that of its base"):
+        OfFaster().test_is_frozen_dataclass()
