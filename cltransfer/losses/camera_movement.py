@@ -154,9 +154,8 @@ class CameraMovement:
         """Differences of the affine fields, (B, 18) [frame widths]; faithful: of each layer, (B, 3) [px]."""
         check_pair(reference, rendered)
         if self.mode == "robust":
-            wanted, found = (
-                side.once(("affine flow", self.layered), partial(self._fit, side)) for side in (reference, rendered)
-            )
+            key = ("affine flow", type(self), repr(self))  # a class of another's may fit otherwise, by its own options
+            wanted, found = (side.once(key, partial(self._fit, side)) for side in (reference, rendered))
             return movement_residuals(wanted, found, self.mismatch, self.min_area, self.min_share)
         flow, layers = _on_grid_of(reference, rendered, self._layers(rendered))
         layers = layers & self._layers(reference)

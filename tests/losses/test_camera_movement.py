@@ -2,10 +2,11 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import pytest
 import torch
+from torch import Tensor
 
 from cltransfer.features import Features
 from cltransfer.losses._affine_flow import affine_flow_residuals, fit_affine_flow
@@ -333,3 +334,24 @@ def test_layers_that_are_not_bool_are_refused_as_features_refuse_them(kind: torc
     with pytest.raises(TypeError) as usual:
         Features((6, 4), layers=layers)
     assert str(told.value) == str(usual.value)
+
+
+@dataclass(frozen=True)
+class Lower(CameraMovement):
+    """Of the layers only what lies below a part of the frame."""
+
+    below: float = 0.5
+
+    def _layers(self, features: Features) -> Tensor:
+        rows = torch.arange(features.size[1]) >= self.below * features.size[1]
+        return super()._layers(features) & rows[:, None]
+
+
+def test_a_class_of_it_that_takes_other_pixels_shares_no_fit() -> None:
+    still, pan = (moving([[0.01 * k, 0, 0], [0, 0, 0]]) for k in (0, 1))
+    above = torch.arange(36)[:, None] < 18
+    moved = replace(pan, flow=torch.where(above, pan.require("flow"), still.require("flow")))  # the upper half alone
+    lower, whole, usual = (float(loss(still, moved)) for loss in (Lower(), Lower(below=0.0), CameraMovement()))
+    assert lower == pytest.approx(0.0, abs=1e-6)
+    assert whole == pytest.approx(usual)
+    assert usual > 0.003
