@@ -6,7 +6,7 @@ import functools
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, is_dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -64,8 +64,7 @@ def files_content(component: Any) -> dict[str, list[str]]:
     if type(component).__module__.partition(".")[0] == "cltransfer":
         return {}
     found = {}
-    options = [getattr(component, field.name) for field in fields(component)]
-    for name in sorted(set(_texts(options))):
+    for name in sorted(set(_texts(component))):
         places = dict.fromkeys([Path(name), *model_places(name)])
         if contents := [content for place in places if (content := _named_content(name, place))]:
             found[name] = contents
@@ -88,6 +87,8 @@ def _texts(value: Any) -> Iterator[str]:
     elif isinstance(value, Sequence):
         for item in value:
             yield from _texts(item)
+    elif is_dataclass(value):
+        yield from _texts([getattr(value, field.name) for field in fields(value)])
 
 
 def model_content(name: str) -> str:

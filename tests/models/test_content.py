@@ -48,6 +48,30 @@ def test_what_was_read_by_other_files_of_a_plugin_is_told_apart(tmp_path, monkey
     assert "files" not in reading(replace(extractor, weights="other.pt", more=(), folder="parts"))
 
 
+@dataclass(frozen=True)
+class Head:
+    weights: str = "w.pt"
+
+
+@dataclass(frozen=True)
+class OfHeads:
+    """A plugin's extractor, whose files stand in options of options."""
+
+    head: Head = Head()
+    more: tuple[Head, ...] = ()
+
+
+def test_what_was_read_by_another_file_that_an_option_of_an_option_names_is_told_apart(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    extractor, keys = OfHeads(more=(Head("x.pt"),)), []
+    for place in ("w.pt", "x.pt"):
+        for content in ("1", "100"):
+            (tmp_path / place).write_text(content)
+            keys.append(reading(extractor))
+    assert all(keys.count(key) == 1 for key in keys)
+    assert set(keys[-1]["files"]) == {"w.pt", "x.pt"}
+
+
 def test_a_file_of_a_plugin_counts_by_its_content_wherever_models_are_kept(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     keys = []
