@@ -16,7 +16,7 @@ from ...camera import Camera
 from ...drawing import drawn_by
 from ...errors import InputError
 from ...features import Features
-from ...models.content import READERS, read_by, reading
+from ...models.content import READERS, files_content, read_by, reading
 from ...pipeline.graph import persons_in, run
 from ...pipeline.plan import CLIP_SOURCE, Plan, make_plan
 from ...registry import RENDERERS
@@ -185,7 +185,8 @@ def cached_lift(scene: Scene, renderer: Any, extractors: Mapping[str, Any], pers
     """
     steps = make_plan(WANTED, extractors, CLIP_SOURCE, "image").steps
     used = [[step.name, reading(step.extractor), step.hidden] for step in steps]
-    drawn = [RENDERERS.name_of(renderer), {**asdict(renderer), "threads": None}, code_of(renderer)]
+    files = filter(None, [files_content(renderer)])
+    drawn = [RENDERERS.name_of(renderer), {**asdict(renderer), "threads": None}, code_of(renderer), *files]
     shown = [scene.digest, scene.harmonics]
     ours = own_code(*READERS, "renderers", "scenes")
     which = f"person {person}" if person else None  # 0 is whom it takes where nobody is named

@@ -47,6 +47,26 @@ def test_the_cache_keeps_a_person_for_the_code_of_ours_that_has_found_it(edited:
 
 
 @dataclass(frozen=True)
+class Toned(GaussianSplats):
+    """A plugin's renderer, which reads a file."""
+
+    table: str = "tones.txt"
+
+
+def test_the_cache_keeps_a_person_for_the_files_of_what_has_drawn_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    scene = named_scene("courtyard")
+    kept = [cached_lift(scene, Toned(), {})]
+    for content in ("1", "100"):
+        (tmp_path / "tones.txt").write_text(content)
+        kept.append(cached_lift(scene, Toned(), {}))
+    assert len(set(kept)) == 3
+    assert cached_lift(scene, Toned(), {}) == kept[-1]
+
+
+@dataclass(frozen=True)
 class Brightened:
     """A helper that what finds a person reads; no network."""
 
