@@ -128,15 +128,13 @@ class Registry(Generic[T]):
         """
         cls = self.get(name)
         above = f"{self.section}.{name}" if self.section else ""
-        for option, value in (options or {}).items():
-            _check_finite(_key(above, option), value)
+        _check_finite(above, options or {}, options or {})
         try:
             with named(f"{self.kind} {name!r}", "expected a component of these options"):
                 built = typed(cls, options or {})
         except UsageError as error:
             raise UsageError("", _key(above, error.field), error.reason, error.hint) from None
-        for option in options or {}:
-            _check_finite(_key(above, option), getattr(built, option, None))  # it may have been text, "nan" or "inf"
+        _check_finite(above, options or {}, built)  # it may have been text, "nan" or "inf"
         for declared in self.declared:
             value = getattr(built, declared.name) if declared.option else None
             if declared.option and not declared.right(value):
@@ -171,11 +169,17 @@ def _key(*parts: str) -> str:
     return ".".join(filter(None, parts))
 
 
-def _check_finite(key: str, value: object) -> None:
+def _check_finite(key: str, given: Any, value: Any) -> None:
+    """Refuse a number that is none in ``value``, so far as it is of what was ``given``: a default may be infinite."""
     if isinstance(value, float) and not math.isfinite(value):
         raise UsageError("", key, f"expected a finite number, got {value}")
-    for part in value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else ():
-        _check_finite(key, part)
+    if isinstance(given, Mapping):
+        for name, part in given.items():
+            held = value.get(name) if isinstance(value, Mapping) else getattr(value, str(name), None)
+            _check_finite(_key(key, str(name)), part, held)
+    elif isinstance(given, list | tuple) and isinstance(value, list | tuple):
+        for i, (part, held) in enumerate(zip(given, value)):
+            _check_finite(f"{key}[{i}]", part, held)
 
 
 def _default(field: dataclasses.Field[Any]) -> Any:

@@ -89,14 +89,19 @@ def in_words(hint: Any) -> str:
     return WORDS.get(hint, getattr(hint, "__name__", str(hint)))
 
 
-def _mistake(cls: type[Any], values: Mapping[str, Any], above: str = "") -> UsageError | None:
-    """The first of ``values`` that is no value of ``cls``, or that it lacks; ``above`` is the key they stand under."""
+def _mistake(cls: Any, values: Any, above: str = "") -> UsageError | None:
+    """The first of ``values`` that is no value of ``cls``, or that it lacks; ``above`` is the key they stand under.
+
+    None of what is no dataclass, or not given as a mapping.
+    """
+    if not dataclasses.is_dataclass(cls) or not isinstance(values, Mapping):
+        return None
     hints, fields = get_type_hints(cls), {field.name: field for field in dataclasses.fields(cls)}
     for key, value in values.items():
         if key not in fields:
             return UsageError("", f"{above}{key}", "no such key", nearest(key, fields))
-        for inner, part, where in _inside(hints[key], value, f"{above}{key}"):
-            if found := _mistake(inner, part, f"{where}."):
+        for inner, part, where in _parts(hints[key], value, f"{above}{key}"):
+            if found := _mistake(_not_null(inner), part, f"{where}."):
                 return found
         if not _fits(fields[key], hints[key], value):
             return UsageError("", f"{above}{key}", f"expected {in_words(hints[key])}, got {shown(value)}")
@@ -106,22 +111,23 @@ def _mistake(cls: type[Any], values: Mapping[str, Any], above: str = "") -> Usag
     return None
 
 
-def _altered(cls: type[Any], values: Mapping[str, Any], above: str = "") -> Iterator[UsageError]:
-    """Those of ``values`` that would be taken for another one.
+def _altered(cls: type[Any], values: Mapping[str, Any]) -> Iterator[UsageError]:
+    """Those of ``values``, and of what is inside them, that would be taken for another one.
 
     What was text once, and would be another as text again: yes as True, 1.10 as 1.1; and numbers as flags.
     """
-    hints = get_type_hints(cls)
-    for key, value in values.items():
-        if key not in hints:
-            continue
-        for inner, part, where in _inside(hints[key], value, f"{above}{key}"):
-            yield from _altered(inner, part, f"{where}.")
-        if hints[key] is bool and isinstance(value, int | float) and not isinstance(value, bool):
-            yield UsageError("", f"{above}{key}", f"expected {in_words(bool)}, got {shown(value)}")
-        if isinstance(value, bool if _is_choice(hints[key]) else bool | float) and _is_text(hints[key]):
-            reason = f"expected {in_words(hints[key])}, got {shown(value)}"
-            yield UsageError("", f"{above}{key}", reason, IN_QUOTES)
+    for hint, value, key in _parts(cls, values):
+        if _not_null(hint) is bool and isinstance(value, int | float) and not isinstance(value, bool):
+            yield UsageError("", key, f"expected {in_words(hint)}, got {shown(value)}")
+        if isinstance(value, bool if _is_choice(hint) else bool | float) and _is_text(hint):
+            yield UsageError("", key, f"expected {in_words(hint)}, got {shown(value)}", IN_QUOTES)
+
+
+def _parts(hint: Any, value: Any, key: str = "") -> Iterator[tuple[Any, Any, str]]:
+    """A value and all that is inside it, each with its type and its key; of keys that are none nothing."""
+    yield hint, value, key
+    for inner, part, where in _inside(hint, value, key):
+        yield from _parts(inner, part, where)
 
 
 def _is_choice(hint: Any) -> bool:
@@ -137,13 +143,30 @@ def _is_text(hint: Any) -> bool:
     return hint is str
 
 
-def _inside(hint: Any, value: Any, key: str) -> Iterator[tuple[type[Any], Mapping[str, Any], str]]:
-    """Dataclasses that stand in a value, or in a list of them, with what they are given and their keys."""
-    if dataclasses.is_dataclass(hint) and isinstance(value, Mapping):
-        yield hint, value, key  # type: ignore[misc]
-    elif get_origin(hint) is list and isinstance(value, list):
-        for i, entry in enumerate(value):
-            yield from _inside(get_args(hint)[0], entry, f"{key}[{i}]")
+def _not_null(hint: Any) -> Any:
+    """What a field takes besides null, if that is of one type."""
+    if get_origin(hint) in (Union, UnionType):
+        others = [part for part in get_args(hint) if part is not NoneType]
+        return others[0] if len(others) == 1 else hint
+    return hint
+
+
+def _inside(hint: Any, value: Any, key: str) -> Iterator[tuple[Any, Any, str]]:
+    """What stands in a mapping or a list, each with its type and its key."""
+    hint = _not_null(hint)
+    origin, inner = get_origin(hint), get_args(hint)
+    if isinstance(value, Mapping) and dataclasses.is_dataclass(hint):
+        hints = get_type_hints(hint)
+        for name, part in value.items():
+            if name in hints:
+                yield hints[name], part, f"{key}.{name}" if key else name
+    elif isinstance(value, Mapping) and origin in (dict, Mapping) and len(inner) == 2:
+        for name, part in value.items():
+            yield inner[1], part, f"{key}.{name}"
+    elif isinstance(value, list | tuple) and origin in (list, tuple):
+        each = inner if origin is tuple and ... not in inner else inner[:1] * len(value)
+        for i, (of, part) in enumerate(zip(each, value)):
+            yield of, part, f"{key}[{i}]"
 
 
 def _fits(field: dataclasses.Field[Any], hint: Any, value: Any) -> bool:

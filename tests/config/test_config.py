@@ -295,10 +295,10 @@ BUILT = {
     "losses.framing.weight=heavy": "losses.framing.weight: expected a number, got 'heavy'",
     "losses.framing.weight=.inf": "losses.framing.weight: expected a finite number, got inf",
     "extractors.depth_onnx={model: a.onnx, kind: disparity, align: metric, affine: [1, nan]}": (
-        "extractors.depth_onnx.affine: expected a finite number, got nan"
+        "extractors.depth_onnx.affine[1]: expected a finite number, got nan"
     ),
     "extractors.depth_onnx={model: a.onnx, kind: disparity, align: metric, affine: [1, .inf]}": (
-        "extractors.depth_onnx.affine: expected a finite number, got inf"
+        "extractors.depth_onnx.affine[1]: expected a finite number, got inf"
     ),
     "losses.filmic_space.min_area=2": "losses.filmic_space.min_area: min_area must be in [0, 1], got 2.0",
     "extractors.depth_onnx={}": "extractors.depth_onnx.model: is required (expected text)",

@@ -5,8 +5,8 @@ from __future__ import annotations
 import importlib
 import re
 import sys
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -139,6 +139,40 @@ def test_a_weight_that_rewards_a_difference_or_that_no_total_holds_is_refused(we
 def test_a_number_that_is_none_is_refused_as_text_too(text: str) -> None:
     with pytest.raises(UsageError, match=r"^losses\.filmic_space\.mismatch: expected a finite number, got "):
         LOSSES.build("filmic_space", {"mismatch": text})
+
+
+@dataclass(frozen=True)
+class Part:
+    least: float = 0.0
+    most: float = float("inf")
+
+
+@dataclass(frozen=True)
+class OfParts:
+    weight: float = 1.0
+    part: Part = Part()
+    parts: list[Part] = field(default_factory=list)
+    table: dict[str, float] = field(default_factory=dict)
+    requires, unit, penalty = ("keypoints",), "frame", 1.0
+    __call__ = method
+
+
+@pytest.mark.parametrize("number", ["inf", float("inf")])
+@pytest.mark.parametrize(
+    ("key", "options"),
+    [
+        ("part.least", lambda number: {"part": {"least": number}}),
+        ("parts[1].most", lambda number: {"parts": [{}, {"most": number}]}),
+        ("table.head", lambda number: {"table": {"foot": 1.0, "head": number}}),
+    ],
+)
+def test_a_number_inside_an_option_that_is_none_is_refused(
+    key: str, options: Callable[[Any], dict[str, Any]], number: Any
+) -> None:
+    LOSSES.register("mine")(OfParts)
+    assert LOSSES.build("mine", options(2)).weight == 1.0  # a default may be infinite
+    with pytest.raises(UsageError, match=re.escape(f"losses.mine.{key}: expected a finite number, got inf")):
+        LOSSES.build("mine", options(number))
 
 
 @pytest.mark.parametrize("name", ["", "a-b", "a.b", "a b", "a|b", "Mine", "3d", "_mine", "mine\n", "größe"])

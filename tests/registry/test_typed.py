@@ -9,12 +9,13 @@ from typing import Any, Literal
 import pytest
 
 from cltransfer.errors import ModelError, UsageError
-from cltransfer.registry.typed import typed
+from cltransfer.registry.typed import IN_QUOTES, typed
 
 
 @dataclass
 class Inner:
     rate: float = 1.0
+    word: str | None = None
 
     def __post_init__(self) -> None:
         if self.rate < 0:
@@ -33,6 +34,13 @@ class Outer:
     inner: Inner = field(default_factory=Inner)
     inners: list[Inner] = field(default_factory=list)
     more: dict[str, Any] = field(default_factory=dict)
+    surely: bool | None = None
+    flags: tuple[bool, ...] = ()
+    pair: tuple[int, bool] = (0, False)
+    rows: list[list[str]] = field(default_factory=list)
+    named: dict[str, bool] = field(default_factory=dict)
+    other: Inner | None = None
+    others: dict[str, Inner] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.count == 13:
@@ -68,6 +76,18 @@ WRONG: list[tuple[dict[str, Any], str]] = [
         {"kind": False},
         "kind: expected one of near, far, got false (YAML takes yes, on and 1.10 for other things: text in quotes)",
     ),
+    ({"surely": 7}, "surely: expected true or false or null, got 7"),
+    ({"flags": [True, 0]}, "flags[1]: expected true or false, got 0"),
+    ({"pair": [3, 1]}, "pair[1]: expected true or false, got 1"),
+    ({"named": {"head": 2}}, "named.head: expected true or false, got 2"),
+    ({"words": ["a", 1.1]}, f"words[1]: expected text, got 1.1 ({IN_QUOTES})"),
+    ({"words": [True]}, f"words[0]: expected text, got true ({IN_QUOTES})"),
+    ({"rows": [["a"], ["b", False]]}, f"rows[1][1]: expected text, got false ({IN_QUOTES})"),
+    ({"inner": {"word": True}}, f"inner.word: expected text or null, got true ({IN_QUOTES})"),
+    ({"other": {"word": 1.1}}, f"other.word: expected text or null, got 1.1 ({IN_QUOTES})"),
+    ({"others": {"x": {"word": True}}}, f"others.x.word: expected text or null, got true ({IN_QUOTES})"),
+    ({"other": {"rate": "fast"}}, "other.rate: expected a number, got 'fast'"),
+    ({"others": {"x": {"rte": 1}}}, "others.x.rte: no such key (did you mean 'rate'?)"),
     ({"nme": "a"}, "nme: no such key (did you mean 'name'?)"),
     ({"kind": "middle"}, "kind: expected one of near, far, got 'middle'"),
     ({"count": 1.5}, "count: expected a whole number or null, got 1.5"),
@@ -89,6 +109,13 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"count": 13}, "count: count must not be 13"),
     ({"count": 14}, "count must not be 14 where name is given"),
 ]
+
+
+def test_values_inside_others_are_taken_as_they_are_meant() -> None:
+    more = {"flags": [True, False], "pair": [3, True], "rows": [["1.10", 3]], "surely": None, "named": {"head": False}}
+    made = typed(Outer, {"name": "a", **more, "other": {"rate": 3}, "others": {"x": {"word": "yes"}}})
+    assert (made.flags, made.pair, made.surely, made.named) == ((True, False), (3, True), None, {"head": False})
+    assert (made.rows, made.other, made.others) == ([["1.10", "3"]], Inner(3.0), {"x": Inner(word="yes")})
 
 
 @pytest.mark.parametrize(("values", "line"), WRONG)
