@@ -14,30 +14,44 @@ from itertools import takewhile
 from pathlib import Path
 from types import CodeType, FunctionType
 from typing import Any
+from weakref import WeakKeyDictionary
 
 _IMPORTED: dict[Path, str] = {}  # digest of what was imported last, by its file or package
+_KNOWN: WeakKeyDictionary[type[Any], str] = WeakKeyDictionary()  # digest of what a class was imported with
+_BY_VERSION = {"kornia", "numpy", "pytorch_lightning", "torch", *sys.stdlib_module_names}  # not by their code
 
 
 def code_of(component: object) -> str:
     """SHA-256 of a plugin's code as it was imported: the file of its class, or all Python files of its package.
 
-    ``component`` is one, or its class. Empty for what comes with cltransfer. Hidden files and folders are none of it.
-    What has no file, as a cell of a notebook, is known by what its functions do.
+    Of all files and packages that the classes it is derived from stand in, too. ``component`` is one, or its class.
+    Empty for what comes with cltransfer. Hidden files and folders are none of it. What has no file, as a cell of a
+    notebook, is known by what its functions do.
     """
     cls = component if isinstance(component, type) else type(component)
-    if _ours(cls):
-        return ""
+    codes = list(dict.fromkeys(map(_code_of, _foreign(cls))))
+    return codes[0] if len(codes) == 1 else hashlib.sha256("".join(codes).encode()).hexdigest() if codes else ""
+
+
+def _code_of(cls: type[Any]) -> str:
     place = _home(cls)
-    if place in _IMPORTED:
-        return _IMPORTED[place]
+    known = _KNOWN.get(cls) or (_IMPORTED.get(place) if place is not None else None)
+    if known is not None:
+        return known
     return _code_at(place) if place is not None and place.exists() else _code_without_file(cls)
 
 
 def remember(cls: type[Any]) -> None:
-    """Keep what the code of ``cls`` is now, as it is imported: this process goes on with that when it is edited."""
-    place = None if _ours(cls) else _home(cls)
-    if place is not None and place.exists():
-        _IMPORTED[place] = _code_at(place)
+    """Keep what the code of ``cls`` is now, as it is imported: this process goes on with that when it is edited.
+
+    A class that it is derived from goes on with what it was imported with itself.
+    """
+    for base in _foreign(cls):
+        place = _home(base)
+        if base not in _KNOWN and place is not None and place.exists():
+            _KNOWN[base] = _code_at(place)
+    if (place := _home(cls)) is not None and cls in _KNOWN:
+        _IMPORTED[place] = _KNOWN[cls]  # its own alone: an error is told to be of what was registered
 
 
 def raised_in(error: BaseException) -> Path | None:
@@ -51,10 +65,11 @@ def raised_in(error: BaseException) -> Path | None:
 
 
 def code_in(package: Path) -> str:
-    """SHA-256 of the names and contents of every Python file in a folder that is not hidden."""
+    """SHA-256 of the names and contents of every Python file in a folder that is not hidden, nor installed there."""
     digest = hashlib.sha256()
     for part in sorted(package.rglob("*.py"), key=lambda part: part.relative_to(package).parts):  # on any system
-        if not part.is_file() or any(name.startswith(".") for name in part.relative_to(package).parts):
+        names = part.relative_to(package).parts
+        if not part.is_file() or any(name.startswith(".") or name == "site-packages" for name in names):
             continue
         digest.update(
             f"{part.relative_to(package).as_posix()}\0{hashlib.sha256(part.read_bytes()).hexdigest()}\0".encode()
@@ -75,14 +90,25 @@ def own_code(*parts: str) -> str:
     return hashlib.sha256("".join(map(_code_at, places)).encode()).hexdigest()
 
 
-def _ours(cls: type[Any]) -> bool:
-    return cls.__module__.partition(".")[0] == "cltransfer"
+def _foreign(cls: type[Any]) -> list[type[Any]]:
+    """``cls`` and what it is derived from, of each module one; none of what comes with cltransfer or Python."""
+    first: dict[str, type[Any]] = {}
+    for base in cls.__mro__:
+        top = base.__module__.partition(".")[0]
+        if top != "cltransfer" and (base is cls or top not in _BY_VERSION):
+            first.setdefault(base.__module__, base)
+    return list(first.values())
 
 
 def _home(cls: type[Any]) -> Path | None:
     """The file of a class, or the package that it lies in; None where it has none."""
     file = getattr(sys.modules.get(cls.__module__), "__file__", None)
-    return None if file is None else _package(Path(file)) or Path(file)
+    if file is None:
+        return None
+    path, top = Path(file), sys.modules.get(cls.__module__.partition(".")[0])
+    around = [Path(folder) for folder in getattr(top, "__path__", ())]  # of a package without __init__.py too
+    packages = [folder for folder in (_package(path), *around) if folder is not None and folder in path.parents]
+    return min(packages, key=lambda folder: len(folder.parts), default=path)
 
 
 def _code_at(place: Path) -> str:

@@ -90,6 +90,36 @@ def test_the_code_of_a_plugin_is_all_of_its_package(package: Path) -> None:
     assert again() != seen[-1]
 
 
+@pytest.mark.parametrize("without", ["", "losses", "maths"])
+def test_a_package_without_an_init_file_is_a_package(package: Path, without: str) -> None:
+    (package / without / "__init__.py").unlink()
+    seen = [again()]
+    (package / "maths/formula.py").write_text("SCALE = 2.0\n")
+    seen.append(again())
+    (package / "env/lib/site-packages").mkdir(parents=True)
+    (package / "env/lib/site-packages/of_others.py").touch()  # an environment that was made in it
+    (package.parent / "beside.py").touch()
+    assert seen[0] != seen[1] == again()
+
+
+def test_the_code_of_a_plugin_is_that_of_the_classes_it_is_derived_from_too(
+    package: Path, monkeypatch: pytest.MonkeyPatch, own_loss: str
+) -> None:
+    base = package.parent / "own_base.py"
+    base.write_text("class Base:\n    scale = 1.0\n")
+    mine = f"from own_base import Base\n{own_loss.replace('class Mine:', 'class Mine(Base):')}"
+    (package / "losses/mine.py").write_text(mine)
+    alone, seen = code_of(type("Alone", (), {"__module__": "own_plugins.losses"})), [again()]
+    base.write_text("class Base:\n    scale = 2.0\n")
+    seen.append(again())  # derived from what was imported before it was edited
+    del sys.modules["own_base"]
+    importlib.invalidate_caches()
+    seen.append(again())
+    monkeypatch.delitem(sys.modules, "own_base")
+    assert seen[0] == seen[1] != seen[2]
+    assert alone not in seen
+
+
 def test_what_an_editor_leaves_in_a_package_is_no_code(package: Path) -> None:
     whole = again()
     (package / ".#mine.py").symlink_to("nobody@nowhere.1")  # Emacs' lock, which leads nowhere
@@ -109,6 +139,8 @@ def test_the_code_of_a_plugin_that_is_no_part_of_a_package_is_its_file(tmp_path:
     allow([tmp_path / "mine.py"])
     assert code_of(LOSSES.build("mine")) == alone
     (tmp_path / "__init__.py").touch()
+    LOSSES._classes.pop("mine")
+    allow([tmp_path / "mine.py"])
     assert code_of(LOSSES.build("mine")) != alone
 
 

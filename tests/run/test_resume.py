@@ -28,6 +28,7 @@ from cltransfer.features import Features, OfThisRun
 from cltransfer.pipeline.components import Components
 from cltransfer.progress import silent
 from cltransfer.reading.reference import Reading, _from_scene, read_reference
+from cltransfer.registry.plugin_code import code_in
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.run.inputs import Inputs
 from cltransfer.run.record import Record, run_header
@@ -36,7 +37,6 @@ from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.person.lifted import cached_lift, with_person
 from cltransfer.scenes.ply import write_splats
 from cltransfer.search.subject_orbit import SubjectOrbit
-from cltransfer.storage.files import content_hash
 from cltransfer.storage.run_files import DONE, JOURNAL, RESULTS
 from cltransfer.subject import Subject
 from cltransfer.trajectory import Trajectory
@@ -285,7 +285,7 @@ def test_a_journal_is_of_the_code_and_the_files_of_every_plugin(tmp_path: Path) 
     ours = run_header(given, config, parts, SubjectOrbit(), scene, reference)
     plugged = run_header(given, config, replace(parts, renderer=Plugin()), SubjectOrbit(), scene, reference)
     assert {key for key in plugged if plugged[key] != ours.get(key)} == {"code of the renderer"}
-    assert plugged["code of the renderer"] == content_hash(Path(__file__))
+    assert plugged["code of the renderer"] == code_in(Path(__file__).parents[1])  # tests is a package
     (tmp_path / "lut").write_text("red")
     parts = replace(parts, renderer=Plugin(colours=str(tmp_path / "lut")))
     with_file = run_header(given, config, parts, SubjectOrbit(), scene, reference)
@@ -319,7 +319,7 @@ def test_a_journal_looks_into_no_file_that_a_scene_names(kind: type[Any], tmp_pa
         other.write_text(content)
         told.append(run_header(given, config, parts, SubjectOrbit(), scene, reference))
     assert told[0] == told[1]
-    assert told[0]["code of the scene"] == content_hash(Path(__file__))
+    assert told[0]["code of the scene"] == code_in(Path(__file__).parents[1])  # tests is a package
 
 
 def test_a_journal_is_of_the_harmonics_that_there_was_memory_for(
