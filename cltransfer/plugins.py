@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+import logging
 import os
 import shlex
 import sys
@@ -19,13 +20,13 @@ from traceback import walk_tb
 
 from .errors import ModelError
 from .registry import EXTRACTORS, FITTERS, LOSSES, RENDERERS, SEARCHES
-from .registry.plugin_code import code_in
+from .registry.plugin_code import code_in, edited
 
 GROUP = "cltransfer.plugins"
 REGISTRIES = (LOSSES, EXTRACTORS, RENDERERS, SEARCHES, FITTERS)
 NO_PLUGINS = ("_", "test_", "conftest.")  # how files begin that may lie beside plugins in their folder
 
-
+_log = logging.getLogger("cltransfer")
 _CODE: dict[str, str] = {}  # digest of what was imported, by module
 _SILENT: set[str] = set()  # modules that registered nothing, as what only helps a plugin does not
 
@@ -74,7 +75,8 @@ def allow(names: str | Path | Iterable[str | Path]) -> list[str]:
     Args:
         names: an installed plugin's name, a Python file, or a folder whose Python files are plugins, but for tests.
             A folder with an ``__init__.py`` is imported as a package. No code runs that lies elsewhere than is named,
-            and none a second time that has not changed.
+            and none a second time that has not changed. An installed plugin is imported once in a process: its package
+            may be what runs there. That it was edited since is warned of.
 
     Raises:
         ModelError: there is no such plugin, several packages announce it, or its code fails.
@@ -146,6 +148,10 @@ def _import_point(point: EntryPoint) -> None:
     except (Exception, SystemExit) as error:
         _forget(point.module)
         raise ModelError(point.value, "plugin", f"failed at import: {type(error).__name__}: {error}") from error
+    package = point.module.partition(".")[0]
+    given = [cls for registry in REGISTRIES for cls in registry.registered().values()]
+    if any(edited(cls) for cls in given if cls.__module__.partition(".")[0] == package):
+        _log.warning("%s: was edited since it was imported, which stays: restart the kernel or worker", point.name)
 
 
 def _sources(path: Path) -> list[Source]:

@@ -215,7 +215,8 @@ def _other(trial: Trial, job: Job) -> ModelError | None:
         return ModelError("", "engine", told, "give every worker the command's; what is done is kept")
     if trial.codes != codes_of(trial.config, trial.metrics):
         told = "the code of a plugin is not what it was when the ablation began"
-        return ModelError("", "--allow-plugin", told, "run it again: what is done is kept")
+        hint = "run it again, of an installed one in a new kernel, with new workers: what is done is kept"
+        return ModelError("", "--allow-plugin", told, hint)
     row, metrics = ((config, parts_content(config)) for config in (trial.config, trial.metrics))
     if trial.files != _files(trial.scene, trial.reference, row, metrics):
         if not job.elsewhere:

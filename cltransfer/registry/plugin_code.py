@@ -54,6 +54,12 @@ def remember(cls: type[Any]) -> None:
         _IMPORTED[place] = _KNOWN[cls]  # its own alone: an error is told to be of what was registered
 
 
+def edited(cls: type[Any]) -> bool:
+    """Whether the code of a registered class is another now than it was imported with."""
+    place = _home(cls)
+    return cls in _KNOWN and place is not None and place.exists() and _code_at(place) != _KNOWN[cls]
+
+
 def raised_in(error: BaseException) -> Path | None:
     """The plugin's file or package whose code ``error`` was raised in, or called what raised it; None of ours alone."""
     traceback, found = error.__traceback__, None

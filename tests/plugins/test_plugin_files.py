@@ -120,6 +120,23 @@ def test_a_component_of_an_installed_plugin_that_is_refused_is_told_with_its_mod
         allow(["refused"])
 
 
+def test_an_installed_plugin_that_was_edited_goes_on_as_it_was_imported_and_is_told(
+    tmp_path: Path, own_loss: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    announced(tmp_path, "kept", "cl_kept", "1.0")
+    (tmp_path / "cl_kept.py").write_text(own_loss)
+    monkeypatch.syspath_prepend(tmp_path)
+    for _ in range(2):
+        allow(["kept"])
+    assert not caplog.messages
+    mine = LOSSES.get("mine")
+    (tmp_path / "cl_kept.py").write_text(f"{own_loss}# edited\n")
+    allow(["kept"])
+    assert caplog.messages == ["kept: was edited since it was imported, which stays: restart the kernel or worker"]
+    assert LOSSES.get("mine") is mine
+    del sys.modules["cl_kept"]
+
+
 def test_a_package_that_failed_is_imported_whole_when_it_is_mended(package: Path) -> None:
     tools = (package / "tools.py").read_text()
     (package / "tools.py").write_text("V = 3.0\n")
