@@ -27,7 +27,7 @@ IN_QUOTES = "YAML takes yes, on and 1.10 for other things: text in quotes"
 
 
 def typed(cls: type[T], values: Mapping[str, Any]) -> T:
-    """A ``cls``, a dataclass, of plain ``values``.
+    """A ``cls``, a dataclass, of plain ``values``. A list or a mapping that is given replaces the default.
 
     Raises:
         UsageError: a key that ``cls`` has not, a value that does not fit, or one that is missing; ``field`` is its key.
@@ -50,6 +50,7 @@ def typed(cls: type[T], values: Mapping[str, Any]) -> T:
         raise mistake
     try:
         merged = OmegaConf.merge(schema, dict(values))
+        merged = _given_alone(merged, values)
     except (OmegaConfBaseException, ValueError, TypeError, OverflowError) as error:
         raise _mistake(cls, values) or UsageError("", "", _first_line(error)) from None
     try:
@@ -128,6 +129,26 @@ def _parts(hint: Any, value: Any, key: str = "") -> Iterator[tuple[Any, Any, str
     yield hint, value, key
     for inner, part, where in _inside(hint, value, key):
         yield from _parts(inner, part, where)
+
+
+def _given_alone(merged: Any, values: Any) -> Any:
+    """``merged`` without what is a default in its mappings beside the ``values`` that are given, as lists are."""
+    from omegaconf import DictConfig, ListConfig, OmegaConf, flag_override
+
+    pairs: Iterable[tuple[Any, Any]] = ()
+    if isinstance(merged, DictConfig) and isinstance(values, Mapping):
+        if (plain := OmegaConf.get_type(merged) is dict) and [*map(str, merged)] != [*map(str, values)]:
+            with flag_override(merged, "readonly", False):  # as what is inside a frozen class is
+                merged.clear()
+            merged = OmegaConf.merge(merged, dict(values))
+        pairs = zip(list(merged) if plain else values, values.values())  # keys as they are there, a number or a text
+    elif isinstance(merged, ListConfig) and isinstance(values, list | tuple):
+        pairs = enumerate(values)
+    for key, part in pairs:
+        if isinstance(part, Mapping | list | tuple) and (alone := _given_alone(merged[key], part)) is not merged[key]:
+            with flag_override(merged, "readonly", False):
+                merged[key] = alone
+    return merged
 
 
 def _is_choice(hint: Any) -> bool:

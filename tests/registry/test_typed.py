@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from enum import Enum
 from typing import Any, Literal
 
 import pytest
@@ -109,6 +110,37 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"count": 13}, "count: count must not be 13"),
     ({"count": 14}, "count must not be 14 where name is given"),
 ]
+
+
+class Side(Enum):
+    LEFT = 1
+    RIGHT = 2
+
+
+@dataclass(frozen=True)
+class Joints:
+    table: dict[str, float] = field(default_factory=lambda: {"head": 1.0, "foot": 2.0})
+    sides: dict[Side, float] = field(default_factory=lambda: {Side.LEFT: 1.0, Side.RIGHT: 2.0})
+    loose: Any = field(default_factory=lambda: {"head": {"x": 1}})
+    words: list[str] = field(default_factory=lambda: ["a", "b"])
+
+
+@dataclass(frozen=True)
+class Bodies:
+    one: Joints = field(default_factory=Joints)
+    more: dict[str, Joints] = field(default_factory=lambda: {"first": Joints()})
+    row: list[Joints] = field(default_factory=list)
+    none: Joints | None = None
+
+
+def test_a_mapping_that_is_given_replaces_the_default_as_a_list_does() -> None:
+    given = {"table": {"head": 5}, "sides": {"RIGHT": 3}, "loose": {"foot": {"y": 2}}, "words": ["c"]}
+    wanted = Joints({"head": 5.0}, {Side.RIGHT: 3.0}, {"foot": {"y": 2}}, ["c"])
+    assert typed(Joints, given) == wanted
+    within = {"one": given, "more": {"other": given}, "row": [given, {}], "none": given}
+    assert typed(Bodies, within) == Bodies(wanted, {"other": wanted}, [wanted, Joints()], wanted)
+    assert typed(Joints, {"table": {}}) == Joints(table={})
+    assert typed(Bodies, {"one": {"table": {"hip": 1}}}).one == Joints(table={"hip": 1.0})
 
 
 def test_values_inside_others_are_taken_as_they_are_meant() -> None:
