@@ -125,7 +125,16 @@ class ExtractorCase(ComponentCase):
                 same(together[i].require(name), alone.require(name))
 
     def test_declared_features_suffice(self) -> None:
-        now = self._sample(1, 2)
+        """What it requires and uses is all that it reads; what it only uses may be absent."""
+        now = self.blank(self._sample(1, 2))
         before, needed = self.before(now), frozenset(self.component.requires)
-        lean = self.run(only(now, needed), only(before, needed) if before is not None else None)
-        assert all(lean.has(name) or name in lean.reasons for name in self.component.provides)
+        read = needed | now.names() & frozenset(getattr(self.component, "uses", ()))
+        declared, lean = (
+            self.run(only(now, names), only(before, names) if before is not None else None) for names in (read, needed)
+        )
+        whole = self.run(now, before)
+        for name in self.component.provides:
+            assert lean.has(name) or name in lean.reasons
+            assert whole.has(name) == declared.has(name), f"{name} is of what is neither required nor used"
+            if whole.has(name):
+                same(declared.require(name), whole.require(name))

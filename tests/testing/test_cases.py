@@ -127,3 +127,27 @@ def test_a_class_whose_options_are_its_base_s_is_found_out() -> None:
     OfFaster.component = Undecorated()
     with pytest.raises(AssertionError, match=r"^expected @dataclass\(frozen=True\).*Undecorated has that of its base"):
         OfFaster().test_is_frozen_dataclass()
+
+
+@dataclass(frozen=True)
+class Glance:
+    """How bright a frame is, for the box of its person, which it does not say that it reads."""
+
+    uses: tuple[str, ...] = ()
+    provides: ClassVar[tuple[str, ...]] = ("glance",)
+    requires: ClassVar[tuple[str, ...]] = ("image",)
+    family: ClassVar[str] = "image"
+
+    def __call__(self, now: Features, before: Features | None) -> Features:
+        bright = now.require("image").flatten(1).mean(1)
+        return now.having("glance", bright * now.require("box")[:, 2].float() if now.has("box") else bright)
+
+
+def test_an_extractor_whose_values_are_of_what_it_does_not_declare_is_found_out() -> None:
+    class OfGlance(ExtractorCase):
+        component: ClassVar[Any] = Glance()
+
+    with pytest.raises(AssertionError, match="not close"):
+        OfGlance().test_declared_features_suffice()
+    OfGlance.component = Glance(uses=("box",))
+    OfGlance().test_declared_features_suffice()
