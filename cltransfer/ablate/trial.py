@@ -281,8 +281,9 @@ def _run(trial: Trial, job: Job) -> Outcome:
 
 def _lens_note(config: RunConfig, result: Result) -> str:
     """Why a row that leaves filmic space out differs from the others by more than that."""
-    space = result.objective.losses.get("filmic_space")
-    if result.schedule.free_lens or config.zoom not in ("auto", "still") or (space is not None and space.weight > 0):
+    from ..losses.filmic_space import counted
+
+    if result.schedule.free_lens or config.zoom not in ("auto", "still") or counted(result.objective.losses):
         return ""
     return "the focal length is kept where filmic space does not count: zoom=free lets it change"
 

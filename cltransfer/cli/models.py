@@ -125,12 +125,13 @@ def models_align(
     for evaluate and inspect, which have no scene; transfer finds it by itself.
     """
     settings = settings_of(None, overrides, allow_plugin)
-    from ..reading.depth_alignment import align_config
+    from ..reading.depth_alignment import align_config, depth_network
 
     found = align_config(scene, settings, views, up_of(up), subject)
-    options = {**settings.extractors["depth_onnx"], "affine": [float(f"{value:.6g}") for value in found.affine]}
+    name = depth_network(settings.extractors)
+    options = {**settings.extractors[name], "affine": [float(f"{value:.6g}") for value in found.affine]}
     lines = [
-        shlex.quote(f"extractors.depth_onnx={json.dumps(options)}"),
+        shlex.quote(f"extractors.{name}={json.dumps(options)}"),
         f"inverse depth is off by {100 * found.error[0]:.1f} % as it is, by {100 * found.error[1]:.1f} % so;",
         f"the shift varies by {100 * found.spread:.1f} % of the largest disparity from view to view",
     ]

@@ -11,6 +11,7 @@ import torch
 from ..config.adam import AdamConfig
 from ..config.options import RunConfig
 from ..features import Features
+from ..losses.filmic_space import counted
 from ..pipeline.objective import Objective
 from ..search.subject_orbit import SubjectOrbit
 from .cma_es import Budget
@@ -119,13 +120,13 @@ def tells_lens(objective: Objective, reference: Features) -> bool:
 
     Filmic space is defined, as 0, of a person before nothing too.
     """
-    if "filmic_space" not in objective.names:
-        return False
-    space, loss = objective.names.index("filmic_space"), objective.losses["filmic_space"]
-    defined = objective.defined(reference)[:, space]
-    if hasattr(loss, "directions") and bool(defined.any()):
-        defined = defined & loss.directions(reference, reference).isfinite().any(1)
-    return bool(objective.weighs[space]) and bool(defined.any())
+    for name in counted(objective.losses):
+        defined = objective.defined(reference)[:, objective.names.index(name)]
+        if bool(defined.any()):
+            defined = defined & objective.losses[name].directions(reference, reference).isfinite().any(1)
+        if bool(defined.any()):
+            return True
+    return False
 
 
 def _still(objective: Objective, reference: Features, tolerance: float) -> bool:

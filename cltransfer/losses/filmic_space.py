@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -68,6 +69,11 @@ def layer_depths(features: Features, min_area: float) -> Tensor:
     told = layers & (depth.isfinite() & (depth > 0))[:, None]
     small = told.flatten(2).float().mean(-1) < min_area
     return depth_mode(depth, layers).masked_fill(small, float("nan"))
+
+
+def counted(losses: Mapping[str, object]) -> list[str]:
+    """Losses that are filmic space, or a class of it, and weigh something: they tell a lens from distance."""
+    return [name for name, loss in losses.items() if isinstance(loss, FilmicSpace) and loss.weight > 0]
 
 
 @LOSSES.register("filmic_space")

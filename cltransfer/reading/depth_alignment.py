@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import fmean, median
@@ -20,6 +21,7 @@ from ..extractors._disparity import Align, aligned, fit_affine
 from ..extractors.depth_onnx import DepthOnnx
 from ..pipeline.components import Components
 from ..pipeline.plan import Family
+from ..registry import EXTRACTORS
 from ..scenes import Scene
 from ..scenes.load import load_scene
 from ..scenes.person.lifted import lifted_scene, load_person
@@ -27,7 +29,6 @@ from ..shots import Moves, Setup, cameras
 from .scene_source import is_scene
 
 SIZE, VIEWS = (640, 360), 8  # of the views [px]; how many
-DEPTH = "depth_onnx"
 MOVES = tuple(Moves.__annotations__)
 
 
@@ -152,10 +153,10 @@ def align_config(
     """
     set_threads(config.threads or default_count())
     parts = Components.build(config)
-    extractor = parts.extractors.get(DEPTH)
-    if extractor is None or extractor.align == "raw":
-        got = "no depth_onnx" if extractor is None else "align raw"
-        raise UsageError("", "extractors.depth_onnx", f"expected align shift or metric, got {got}")
+    name = depth_network(parts.extractors)
+    if not name or parts.extractors[name].align == "raw":
+        got = "align raw" if name else "no depth_onnx"
+        raise UsageError("", f"extractors.{name or 'depth_onnx'}", f"expected align shift or metric, got {got}")
     loaded = load_scene(scene, up)
     load_network(parts)
     if subject is not None:
@@ -170,7 +171,13 @@ def load_network(parts: Components) -> None:
     Raises:
         ModelError: the network is missing or refused.
     """
-    _ = parts.extractors[DEPTH].network.session
+    _ = parts.extractors[depth_network(parts.extractors)].network.session
+
+
+def depth_network(extractors: Iterable[str]) -> str:
+    """Which of the extractors in use is ``depth_onnx`` or a class of it; empty where none is. Two would not be run."""
+    known = EXTRACTORS.registered()
+    return next((name for name in extractors if issubclass(known.get(name, object), DepthOnnx)), "")
 
 
 def align_parts(parts: Components, scene: Scene, views: int = VIEWS) -> tuple[Components, DepthAlignment]:
@@ -189,9 +196,10 @@ def align_parts(parts: Components, scene: Scene, views: int = VIEWS) -> tuple[Co
     around = {name: torch.ones(views, dtype=torch.float64) * (name in ("dolly", "follow", "zoom")) for name in MOVES}
     around["azimuth"] = torch.arange(views, dtype=torch.float64) * (2 * math.pi / views)
     ring = cameras(scene.person, SIZE, setup, Moves(**around))
-    network = parts.extractors[DEPTH]
+    name = depth_network(parts.extractors)
+    network = parts.extractors[name]
     extractor, found = align_to_scene(network, scene, renderer_of(scene, parts.renderer), ring, network.align)
-    return replace(parts, extractors={**parts.extractors, DEPTH: extractor}), found
+    return replace(parts, extractors={**parts.extractors, name: extractor}), found
 
 
 def needs_scene(parts: Components, reference: str, family: Family) -> bool:
@@ -200,5 +208,5 @@ def needs_scene(parts: Components, reference: str, family: Family) -> bool:
     It is where the network reads anything: a ``reference`` that is a clip, or scenes read by extractors of the image
     ``family``.
     """
-    network = parts.extractors.get(DEPTH)
+    network = parts.extractors.get(depth_network(parts.extractors))
     return network is not None and network.unaligned and (family == "image" or not is_scene(reference))

@@ -14,6 +14,7 @@ from ..driver.schedule import tells_lens
 from ..export.lens import FULL_FRAME, millimetres
 from ..features import nobody
 from ..losses.camera_movement import weight_note
+from ..losses.filmic_space import counted
 from ..losses.shot_size import ShotSize, degenerate
 from ..near_plane import cut_note
 from ..reading.frames import hidden
@@ -73,11 +74,11 @@ def _of_the_run(result: Result) -> Iterator[Flag]:
 
 def _kept_lens(result: Result) -> str:
     """Which focal length was kept, what names another, and why none was searched."""
-    camera, space = result.trajectory.camera[0], result.verified.term("filmic_space")
-    objective = result.objective
+    camera, objective = result.trajectory.camera[0], result.objective
+    spaces = [result.verified.term(name) for name in counted(objective.losses)]
     lens = f"{math.degrees(float(camera.vertical_fov)):.3g} degrees high, {float(millimetres(camera)):.3g} mm"
     why = ""
-    if space is None or not space.defined or objective.losses[space.name].weight == 0:
+    if not any(space is not None and space.defined for space in spaces):
         why = ": without filmic space it cannot be told apart from distance"
     elif not tells_lens(objective, result.reference.features):
         why = ": with nothing before or behind the person in the reference it cannot be told apart from distance"

@@ -21,6 +21,7 @@ from ..config import to_yaml
 from ..config.options import RunConfig
 from ..export.lens import filmable
 from ..export.nerfstudio import write_camera_path
+from ..reading.depth_alignment import depth_network
 from ..reading.named_scenes import remember
 from ..registry.declared import BUILTIN
 from ..report.data import ReportData
@@ -110,8 +111,9 @@ def _settled(config: RunConfig, result: Result) -> RunConfig:
     """``config`` with what the run found out for itself, so that the same clip is read the same way again."""
     if result.alignment is None:
         return config
-    network = {**config.extractors["depth_onnx"], "affine": list(result.alignment.affine)}
-    return replace(config, extractors={**config.extractors, "depth_onnx": network})
+    name = depth_network(config.extractors)
+    network = {**config.extractors[name], "affine": list(result.alignment.affine)}
+    return replace(config, extractors={**config.extractors, name: network})
 
 
 def report_data(folder: Path, result: Result, inputs: Inputs, plugins: Sequence[str]) -> ReportData:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import pytest
@@ -11,6 +11,8 @@ import torch
 from cltransfer.config import load_config
 from cltransfer.driver.schedule import LEAN_STEPS, POLISH, UNGUIDED, Schedule, make_schedule
 from cltransfer.features import Features
+from cltransfer.losses.filmic_space import FilmicSpace
+from cltransfer.losses.shot_size import ShotSize
 from cltransfer.pipeline.components import Components
 from cltransfer.pipeline.objective import Objective
 from cltransfer.registry import SEARCHES
@@ -115,6 +117,19 @@ def test_a_lens_is_free_where_some_frame_shows_what_is_before_or_behind_the_pers
             there[1, layer] = ~layers[1, 1]
         reference = replace(seen, layers=there)
         assert make_schedule(config, search, objective, reference).free_lens is (layer is not None)
+
+
+@dataclass(frozen=True)
+class Deeper(FilmicSpace):
+    """A plugin's filmic space."""
+
+
+def test_a_lens_is_free_by_a_class_of_filmic_space_under_another_name_too() -> None:
+    config = load_config(overrides=["zoom=auto"])
+    search, seen = config.build_one("search"), sample_features(0, 2)
+    for deeper, free in ((Deeper(), True), (Deeper(weight=0.0), False), (ShotSize(), False)):
+        objective = Objective({"deeper": deeper, "framing": Components.build(config).losses["framing"]})
+        assert make_schedule(config, search, objective, seen).free_lens is free
 
 
 def test_a_loss_that_weighs_nothing_tells_of_no_move() -> None:

@@ -17,9 +17,10 @@ from cltransfer.cli.app import app
 from cltransfer.config import load_config
 from cltransfer.errors import InputError, ModelError, UsageError
 from cltransfer.extractors._disparity import aligned, fit_affine
+from cltransfer.extractors.depth_onnx import DepthOnnx
 from cltransfer.features import Features
 from cltransfer.pipeline.components import Components
-from cltransfer.reading.depth_alignment import VIEWS, align_config, align_depth, align_parts
+from cltransfer.reading.depth_alignment import VIEWS, align_config, align_depth, align_parts, needs_scene
 from cltransfer.reading.feature_file import FeatureFile
 from cltransfer.registry import EXTRACTORS, RENDERERS
 from cltransfer.renderers.gaussian_splats import GaussianSplats
@@ -221,6 +222,30 @@ def test_a_clip_is_read_with_the_shift_of_the_scene(blue):
     seen = Features((32, 16), image=image)
     given = EXTRACTORS.build("depth_onnx", {**config.extractors["depth_onnx"], "affine": list(found.affine)})
     torch.testing.assert_close(parts.extractors["depth_onnx"](seen).depth, given(seen).depth, equal_nan=True)
+
+
+@dataclass(frozen=True)
+class Finer(DepthOnnx):
+    """A plugin's depth network."""
+
+
+def finer(options):
+    return f"extractors.depth_finer={json.dumps(options)}"
+
+
+def test_a_class_of_a_depth_network_under_another_name_is_aligned_too(blue, monkeypatch):
+    monkeypatch.setitem(EXTRACTORS._classes, "depth_finer", Finer)
+    options = load_config(overrides=[blue]).extractors["depth_onnx"]
+    config = load_config(overrides=[finer(options)])
+    parts = Components.build(config)
+    assert needs_scene(parts, "clip.mp4", "image")
+    aligned, found = align_parts(parts, load_scene("builtin:plaza"), 2)
+    assert aligned.extractors["depth_finer"].affine == found.affine
+    assert align_config("builtin:plaza", config, 2) == found
+    told = CliRunner().invoke(app, ["models", "align", "builtin:plaza", finer(options), "--views", "2"])
+    assert told.stdout.startswith("'extractors.depth_finer={")
+    with pytest.raises(UsageError, match=r"extractors\.depth_finer: expected align shift or metric, got align raw"):
+        align_config("builtin:plaza", load_config(overrides=[finer({**options, "align": "raw"})]), 2)
 
 
 def test_without_a_scene_a_shift_that_is_not_known_is_refused(blue):
