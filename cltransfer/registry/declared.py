@@ -29,6 +29,7 @@ SCENE_SUFFIXES = (
     ".yml",
 )  # of what we read ourselves
 HEAVIEST = 1e12  # of a loss beside others: squares of what is weighted stay numbers
+OF_RESIDUALS = ("residuals", "beyond", "directions")  # the others tell of the first
 _ABSENT = object()
 
 
@@ -106,16 +107,27 @@ def check_declared(what: str, cls: type[Any], wanted: Iterable[Declared]) -> Non
         wanted: what such a class declares.
 
     Raises:
-        ModelError: it is no frozen dataclass, or something is missing or cannot be meant; the line says how it is
-            written.
+        ModelError: it is no frozen dataclass, something is missing or cannot be meant, or what tells of residuals is of
+            a base with other ones; the line says how it is written.
     """
     if odd := odd_options(cls):
         raise ModelError("", what, *odd)
+    _check_residuals(what, cls)
     for declared in wanted:
         found = declared.found(cls) if declared.when(cls) else ""
         if found:
             reason = f"class {cls.__name__} {found}, expected {declared.expected}"
             raise ModelError("", what, reason, f"write {declared.example} in the class")
+
+
+def _check_residuals(what: str, cls: type[Any]) -> None:
+    """Refuse a loss whose residuals are its own, and what is told beside them its base's: a search would mix both."""
+    places = [next((i for i, base in enumerate(cls.__mro__) if name in vars(base)), -1) for name in OF_RESIDUALS]
+    for name, place in zip(OF_RESIDUALS[1:], places[1:]):
+        if place > places[0] >= 0:
+            own, base = (cls.__mro__[i].__name__ for i in (places[0], place))
+            reason = f"expected {name} of the residuals of class {own}, it is that of {base}"
+            raise ModelError("", what, reason, f"write {name} beside them, or {name} = {base}.{name} if it holds")
 
 
 def names_of(cls: type[Any], attribute: str) -> list[str]:

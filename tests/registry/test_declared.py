@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import pytest
 
 from cltransfer.errors import ModelError
+from cltransfer.losses.filmic_space import FilmicSpace
 from cltransfer.registry import LOSSES
 
 
@@ -90,6 +91,46 @@ def test_a_class_whose_options_are_not_those_written_in_it_is_refused(cls: type[
 def test_a_property_that_takes_no_value_is_no_option() -> None:
     with pytest.raises(ModelError, match="class Told has weight = <property"):
         LOSSES.register("mine")(Told)
+
+
+@dataclass(frozen=True)
+class Squared(FilmicSpace):
+    residuals = method  # type: ignore[assignment]
+
+
+@dataclass(frozen=True)
+class Crossed(Squared):
+    beyond = FilmicSpace.beyond
+
+
+@dataclass(frozen=True)
+class Directed(Squared):
+    directions = method  # type: ignore[assignment]
+
+
+@dataclass(frozen=True)
+class Whole(Directed):
+    beyond = method  # type: ignore[assignment]
+
+
+@dataclass(frozen=True)
+class Alike(FilmicSpace):
+    beyond = directions = method  # type: ignore[assignment]
+
+
+def test_what_is_told_of_other_residuals_than_a_class_has_is_refused() -> None:
+    for cls, name in ((Squared, "beyond"), (Directed, "beyond"), (Crossed, "directions")):
+        with pytest.raises(ModelError) as caught:
+            LOSSES.register("mine")(cls)
+        told = f"expected {name} of the residuals of class Squared, it is that of FilmicSpace"
+        hint = f"write {name} beside them, or {name} = FilmicSpace.{name} if it holds"
+        assert str(caught.value) == f"loss 'mine': {told} ({hint})"
+
+
+@pytest.mark.parametrize("cls", [Whole, Alike])
+def test_a_class_that_tells_all_of_its_residuals_is_taken(cls: type[Any]) -> None:
+    LOSSES.register("mine")(cls)
+    assert LOSSES.get("mine") is cls
 
 
 @dataclass(frozen=True)
