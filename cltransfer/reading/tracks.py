@@ -24,6 +24,7 @@ TURNS = 4.0  # [1/s] a body that is seen so often turns little in between
 CONTRADICTED = 0.3  # [rad] a frame pays for showing front where its left shoulder is on the left; less than a flip
 LED, SOON = 3, 1.0  # frames by which the one before or behind them is told; [s] that it is away at most
 LEAP, STEPPED = 0.5, 2.0  # [rad], and times the largest of their steps, beyond which one that is elsewhere is misread
+ELSEWHERE = 0.03  # of the frame's longer side, and times that step, from where joints of such a frame are misread too
 SURELY_WIDE = 0.5  # of the way from neck to head top, between the shoulders, from which on their order is sure
 
 
@@ -42,9 +43,9 @@ def cleaned(features: Features, frames: float, at: Tensor | None = None, times: 
     at = counted(len(features), at)
     if frames <= 0 or len(features) < 3:
         return features
-    new: dict[str, Any] = {}
+    features, new = righted(features, times, at), dict[str, Any]()
     if features.has("orientation"):
-        new["orientation"] = _steady_angles(righted(features, times, at).require("orientation"), frames, at)
+        new["orientation"] = _steady_angles(features.require("orientation"), frames, at)
     if features.has("keypoints"):
         stretches = _stretches(visible_joints(frame_joints(features)))
         joints = features.require("keypoints").clone()
@@ -122,17 +123,28 @@ def repair_flips(yaw: Tensor, facing: Tensor | None = None, times: Tensor | None
 
 
 def righted(features: Features, times: Tensor | None = None, at: Tensor | None = None) -> Features:
-    """The features of a clip without its errors: yaw flips repaired, ends that leap away led to; see :func:`leaps`."""
-    turned = turned_back(features, times)
+    """The features of a clip without its errors: yaw flips repaired, ends that leap away led to; see :func:`leaps`.
+
+    Joints of such an end are led to as well, where they leap away too.
+    """
+    turned, placed = turned_back(features, times), counted(len(features), at)
     found = leaps(turned, at, times)
     if not found:
         return turned
-    angles = turned.require("orientation").clone()
-    angles[list(found)] = torch.stack(list(found.values()))
-    return replace(turned, orientation=angles)
+    new = {name: turned.require(name).clone() for name in ("orientation", "keypoints") if turned.has(name)}
+    for i, beside in found.items():
+        away = placed[beside] - placed[i]
+        new["orientation"][i] = _led(_unwrap(turned.require("orientation")[beside]), away)[0]
+        if "keypoints" in new:
+            joints = turned.require("keypoints")[beside]
+            led, step = _led(joints[:, :, :2].flatten(1), away)
+            far = (turned.require("keypoints")[i, :, :2].flatten() - led).abs() - STEPPED * step
+            if float(far.nanmedian()) > ELSEWHERE * max(features.size):
+                new["keypoints"][i] = torch.cat([led.reshape(-1, 2), joints[0, :, 2:]], dim=1)
+    return replace(turned, **new)
 
 
-def leaps(features: Features, at: Tensor | None = None, times: Tensor | None = None) -> dict[int, Tensor]:
+def leaps(features: Features, at: Tensor | None = None, times: Tensor | None = None) -> dict[int, list[int]]:
     """First and last frames of those that follow one another whose angles leap away from the next ones', as misread.
 
     No median tells them. They are held against the line of the frames beside them, to which a move that begins or ends
@@ -144,9 +156,9 @@ def leaps(features: Features, at: Tensor | None = None, times: Tensor | None = N
         times: of the frames, (N,) [s]; None takes them for close together.
 
     Returns:
-        By frame the angles (3,) [rad] that the line leads to.
+        By frame the next ones, the nearest first, through which the line goes.
     """
-    found: dict[int, Tensor] = {}
+    found: dict[int, list[int]] = {}
     if not features.has("orientation"):
         return found
     angles, placed = features.require("orientation"), counted(len(features), at)
@@ -155,18 +167,19 @@ def leaps(features: Features, at: Tensor | None = None, times: Tensor | None = N
             beside = [end + onward * k for k in range(1, LED + 1)]
             if times is not None and abs(float(times[beside[0]] - times[end])) > SOON:
                 continue  # whoever is seen has the time to turn
-            led, step = _led(_unwrap(angles[beside]), (placed[beside] - placed[end]).to(angles))
+            led, step = _led(_unwrap(angles[beside]), placed[beside] - placed[end])
             if bool((wrap(angles[end] - led).abs() > LEAP + STEPPED * step).any()):
-                found[end] = led
+                found[end] = beside
     return found
 
 
-def _led(angles: Tensor, away: Tensor) -> tuple[Tensor, Tensor]:
-    """Where a line through angles (N, 3) that are ``away`` (N,) leads to at 0, and the largest step to there, (3,)."""
+def _led(values: Tensor, away: Tensor) -> tuple[Tensor, Tensor]:
+    """Where a line through values (N, D) that are ``away`` (N,) leads to at 0, and the largest step to there, (D,)."""
+    away = away.to(values)
     offset = away - away.mean()
-    slope = (offset[:, None] * angles).sum(0) / offset.square().sum()
-    fastest = (angles.diff(dim=0) / away.diff()[:, None]).abs().amax(0)
-    return angles.mean(0) - slope * away.mean(), fastest * away[0].abs()
+    slope = (offset[:, None] * values).sum(0) / offset.square().sum()
+    fastest = (values.diff(dim=0) / away.diff()[:, None]).abs().amax(0)
+    return values.mean(0) - slope * away.mean(), fastest * away[0].abs()
 
 
 def _steady_angles(angles: Tensor, frames: float, at: Tensor) -> Tensor:

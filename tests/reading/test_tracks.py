@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from cltransfer.features import Features
-from cltransfer.reading.tracks import cleaned, facing, leaps, repair_flips
+from cltransfer.reading.tracks import cleaned, facing, leaps, repair_flips, righted
 from cltransfer.skeleton import JOINTS
 
 
@@ -194,6 +194,22 @@ def test_next_to_frames_without_a_person_an_angle_that_is_read_elsewhere_is_left
 def test_a_true_move_at_an_end_is_no_leap(read: tuple[float, ...]) -> None:
     for column in range(3):
         assert leaps(degrees(*read, column=column)) == leaps(degrees(*reversed(read), column=column)) == {}
+
+
+@pytest.mark.parametrize("shrunk", [True, False])
+def test_joints_of_an_end_that_is_read_elsewhere_are_led_to_where_they_are_elsewhere_too(shrunk: bool) -> None:
+    pitch = torch.zeros(8, 3, dtype=torch.float64)
+    pitch[0, 1] = 1.0
+    joints = torch.rand(14, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64) * 60 + 20
+    moving = joints + torch.arange(8, dtype=torch.float64)[:, None, None]
+    read = torch.cat([moving, torch.full((8, 14, 1), 0.9, dtype=torch.float64)], dim=2)
+    if shrunk:
+        read[0, :, :2] = 50 + (moving[0] - 50) / 3
+    else:
+        read[0, :, :2] += 1.0
+    found = righted(Features((100, 100), orientation=pitch, keypoints=read)).require("keypoints")
+    torch.testing.assert_close(found[1:], read[1:])
+    torch.testing.assert_close(found[0, :, :2], moving[0] if shrunk else moving[0] + 1.0)
 
 
 def test_who_has_a_second_to_turn_before_the_next_frame_does_not_leap() -> None:
