@@ -185,7 +185,7 @@ def _filtered(
 def cuts(x: Tensor, guide: Tensor | None) -> list[int]:
     """Frames of the path x (N, D) before which the camera jumps and the ``guide`` (N, D), the reference, does not.
 
-    None without a guide, since the reference may jump as well.
+    Empty without a guide, since the reference may jump as well.
     """
     if guide is None:
         return []
