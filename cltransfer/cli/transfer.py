@@ -75,7 +75,7 @@ def transfer(
     subject: Annotated[
         str | None,
         typer.Option(
-            help="subject.json of `cltransfer lift`, or who is lifted: 1 for the next after the one seen most."
+            help="subject.json of `cltransfer lift`, or a number: 0 is the person that most views see, 1 the next."
         ),
     ] = None,
     up: Up = None,

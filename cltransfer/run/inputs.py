@@ -59,7 +59,9 @@ def _subject(given: object) -> Path | int:
     if isinstance(given, Integral) and not isinstance(given, bool):
         return int(given)
     expected = f"expected a path or a whole number, got {type(given).__name__}"
-    raise UsageError("", "subject", expected, "a subject.json, or 1 for the next after the one seen most")
+    raise UsageError(
+        "", "subject", expected, "a subject.json, or a number: 0 is the person that most views see, 1 the next"
+    )
 
 
 def given_scene(inputs: Inputs) -> Scene:
