@@ -29,7 +29,7 @@ from .frame_notes import notes_on
 from .image_header import exif_orientation, states_aspect, stored_size
 from .jpeg_end import jpeg_ends
 from .png_chunks import PNG, drawn_chunks
-from .streams import STREAM_LIMIT, streams_to_open
+from .streams import STREAM_LIMIT, stamped_by_coding, streams_to_open
 
 PIXEL_LIMIT = 4096 * 2160  # of a video's frame: what cinemas and many cameras call 4K
 STILL_LIMIT = 64_000_000  # of an image file: 9504x6336; while one is read 0.3 GB, with alpha up to 1.2 GB
@@ -109,13 +109,16 @@ def decode(path: Path, exif: bool = True) -> Iterator[Frame]:
             exceeds a limit, has times that do not increase, or holds other than what its header says.
     """
     with _opened(path) as (container, stream):
-        count, end, before = 0, 0.0, None
+        count, end, before, stamps = 0, 0.0, None, list[int]()
+        by_coding = stamped_by_coding(container, stream)
         for packet in container.demux():
             if packet.pts is not None:
                 end = max(end, float((packet.pts + (packet.duration or 0)) * packet.time_base))
             if packet.stream.index != stream.index:
                 continue
+            stamps += [packet.pts] if by_coding and packet.pts is not None else []
             for raw in stream.decode(_drawn_packet(packet, stream)):
+                raw.pts = stamps.pop(0) if stamps else raw.pts
                 frame = _checked(path, count, raw, stream, exif)
                 if before is not None and (frame.size != before.size or frame.time <= before.time):
                     what = "size" if frame.size != before.size else "time"

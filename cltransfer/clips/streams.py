@@ -1,4 +1,4 @@
-"""How many streams of a video file may be opened: frames of each video among them are decoded to know what it is."""
+"""Streams of a video file: how many may be opened, as frames of each are decoded to know what it is; their times."""
 
 from __future__ import annotations
 
@@ -6,11 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import av
+from av.container import InputContainer
+from av.video.stream import VideoStream
 
 from ..errors import InputError
 
 VIDEO_LIMIT = 32  # of a file, covers among them: to open it takes 40 MB for each of UHD
 STREAM_LIMIT = 256  # of a file, its sound, subtitles and fonts too, which take little
+REORDERING = ("h264", "hevc")  # whose decoders take the stamps of packets for those of frames
 HINT = "keep the video alone, as by ffmpeg -map 0:v:0 -c copy"
 
 
@@ -36,3 +39,11 @@ def streams_to_open(path: Path, options: Mapping[str, str]) -> int:
     if videos > VIDEO_LIMIT:
         raise InputError(path, "streams", f"expected at most {VIDEO_LIMIT} videos, got {videos}", HINT)
     return count - videos + VIDEO_LIMIT
+
+
+def stamped_by_coding(container: InputContainer, stream: VideoStream) -> bool:
+    """Whether packets have times in the order in which frames are coded, and not in that in which they are shown.
+
+    AVI keeps no other; MPEG-4's decoder makes the right ones of them by itself.
+    """
+    return "avi" in container.format.name and stream.codec_context.name in REORDERING

@@ -285,3 +285,17 @@ def test_a_video_of_which_no_frame_that_is_kept_is_interlaced_is_not_told_to_be(
     film, told = open_clip(ClipSource(tmp_path / "a.mkv", (0.0, 0.1)))
     assert (len(film), told) == (3, ())
     assert open_clip(ClipSource(tmp_path / "a.mkv"))[1][0].startswith("interlaced: ")
+
+
+@pytest.mark.parametrize("codec", ["libx264", "mpeg4"])
+def test_an_avi_whose_frames_are_coded_in_another_order_is_read_in_theirs(tmp_path: Path, codec: str) -> None:
+    with av.open(str(tmp_path / "a.avi"), "w") as container:
+        stream: Any = container.add_stream(codec, rate=24)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        stream.codec_context.max_b_frames = 2
+        brighter = [np.full((48, 64, 3), 20 + 15 * i, np.uint8) for i in range(12)]
+        for frame in (*(av.VideoFrame.from_ndarray(picture, format="rgb24") for picture in brighter), None):
+            container.mux(stream.encode(frame))
+    clip = read_clip(tmp_path / "a.avi")
+    assert clip.times.diff().mul(24).round(decimals=6).unique().tolist() == [1.0]
+    assert (clip.image.float().mean((1, 2, 3)).diff() > 0).all()
