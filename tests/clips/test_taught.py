@@ -14,7 +14,7 @@ from cltransfer.clips.image_folder import clip_hash
 from cltransfer.clips.source import ClipSource
 from cltransfer.clips.taught import taught_notes, taught_otherwise
 from cltransfer.errors import InputError
-from cltransfer.storage.run_files import DONE, FRAMES, MANIFEST
+from cltransfer.storage.run_files import DONE, FRAMES, MANIFEST, VIDEO
 
 
 @pytest.fixture
@@ -81,6 +81,11 @@ def test_a_part_of_a_run_goes_with_the_moments_that_taught_it(clip: Path) -> Non
     assert wanted.span == (2.5, 3.5)
 
 
+def test_whom_the_persons_of_a_part_of_a_run_are_is_not_known(clip: Path) -> None:
+    run = replace(run_by(clip, "t=1,4&person=1"), span=(1.0, 2.0))
+    assert taught_otherwise(run, ClipSource(clip, (2.0, 3.0))) is None
+
+
 def test_whom_a_run_follows_is_nothing_where_it_is_only_shown(clip: Path) -> None:
     run = run_by(clip, "person=1&letterbox=keep")
     assert taught_otherwise(run, ClipSource(clip), shown=True) is None
@@ -95,6 +100,22 @@ def test_a_run_is_known_by_its_video_and_its_reference_by_what_is_in_it(clip: Pa
     assert taught_notes(run, copy) == taught_notes(ClipSource(run.path / FRAMES), copy) == told
     write_video(copy.path, torch.ones(2, 3, 16, 16, dtype=torch.uint8), torch.arange(2) / 24, lossless=True)
     assert taught_notes(run, copy) == taught_notes(copy, run) == ()
+
+
+@pytest.mark.parametrize("video", [FRAMES, VIDEO])
+def test_a_run_is_known_by_either_of_its_videos_from_wherever_they_are_named(
+    clip: Path, video: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = run_by(clip, "t=2,4")
+    monkeypatch.chdir((run.path / video).parent)
+    for made in (run.path / video, Path(video.name)):
+        assert taught_otherwise(ClipSource(made), ClipSource(clip)) == ClipSource(clip, (2.0, 4.0))
+
+
+def test_a_run_may_have_taught_another_run(clip: Path) -> None:
+    first = run_by(clip, "")
+    second = run_by(first.path / FRAMES, "t=2,4")
+    assert taught_otherwise(second, first) == ClipSource(first.path, (2.0, 4.0))
 
 
 def test_a_manifest_that_is_none_of_a_run_is_refused(clip: Path) -> None:
