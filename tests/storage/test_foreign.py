@@ -10,8 +10,14 @@ import pytest
 import torch
 
 from cltransfer.errors import UsageError
+from cltransfer.evaluate_kept import ClipScore
+from cltransfer.evaluate_many import summarise
+from cltransfer.evaluate_table import write_methods
 from cltransfer.scenes.person.lifted import save_labels
-from cltransfer.storage.foreign import OF_A_CLIP, OF_A_PERSON, refuse_foreign
+from cltransfer.storage.foreign import OF_A_CLIP, OF_A_PERSON, OF_A_STUDY, OF_METHODS, refuse_foreign
+from cltransfer.study.analysis import preferences
+from cltransfer.study.design import design
+from cltransfer.study.report import Analysis, write_analysis
 from cltransfer.testing import sample_features
 
 
@@ -23,6 +29,22 @@ def test_what_a_run_and_a_lift_have_written_is_ours(tiny_run: Path, tmp_path: Pa
     save_labels(tmp_path, torch.ones(2))
     (tmp_path / "sheet.png").touch()
     refuse_foreign(tmp_path, OF_A_PERSON, ("sheet.png",))
+
+
+def test_tables_of_methods_and_of_a_study_are_ours(tmp_path: Path) -> None:
+    rows = [ClipScore("ours", "a", {"framing": 0.1}, {"framing": 8}, 8, seconds=2.0)]
+    write_methods(tmp_path, rows, summarise(rows), {})
+    study = design(["a"], ["ours", "jaws"], [], 0)
+    write_analysis(tmp_path, Analysis(study, {}, tuple(preferences([], study)), ()))
+    assert all((tmp_path / name).is_file() for name in (*OF_METHODS, *OF_A_STUDY))
+    refuse_foreign(tmp_path, OF_METHODS, ("methods.md", "methods.tex"))
+    refuse_foreign(tmp_path, OF_A_STUDY)
+
+
+def test_a_file_that_is_empty_is_nobody_s(tmp_path: Path) -> None:
+    for name in OF_A_CLIP:
+        (tmp_path / name).touch()
+    refuse_foreign(tmp_path, OF_A_CLIP)
 
 
 def test_what_has_no_mark_is_refused_and_by_its_company_what_can_have_none(tmp_path: Path) -> None:
