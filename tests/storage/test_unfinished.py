@@ -36,3 +36,12 @@ def test_a_folder_with_nothing_but_what_is_left_is_as_an_empty_one(tmp_path: Pat
     assert not holds_others(tmp_path, OURS)
     killed(tmp_path / "thesis.tex")
     assert holds_others(tmp_path, OURS)
+
+
+def test_what_is_left_is_known_whatever_stands_in_its_name_and_of_a_longer_name_is_another_s(tmp_path: Path) -> None:
+    odd = tmp_path / "a (1) [b].txt"
+    assert [killed(odd)] == temporaries(odd)
+    probe = tmp_path / ".new-7-01234567-b.txt"  # by which a writer sees who may read a new file
+    probe.touch()
+    killed(tmp_path / "a.txt.bak")
+    assert left_in(tmp_path, OURS) == [probe]
