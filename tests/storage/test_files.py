@@ -14,12 +14,14 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from cltransfer.errors import UsageError
+from cltransfer.errors import InputError, UsageError
 from cltransfer.storage.files import (
     atomic,
+    cache_dir,
     check_out,
     content_hash,
     csv_text,
+    read_json,
     same_file,
     told_from_here,
     write_text,
@@ -83,6 +85,12 @@ def test_a_file_that_has_no_room_is_named(tmp_path: Path, room: Callable[[int], 
         write_text(tmp_path / "a.txt", "a" * 200)
     assert caught.value.filename == str(tmp_path / "a.txt")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_cannot_be_read_while_another_is_written_is_the_one_that_is_named(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError) as caught, atomic(tmp_path / "a.txt") as temporary:
+        temporary.write_bytes((tmp_path / "gone").read_bytes())
+    assert Path(caught.value.filename) == tmp_path / "gone"
 
 
 def test_a_file_that_fails_half_way_is_not_there_and_the_old_one_is(tmp_path: Path) -> None:
@@ -171,3 +179,19 @@ def test_files_of_a_folder_are_told_apart_from_one_that_holds_the_names_of_the_o
     assert len({content_hash(tmp_path / folder) for folder in folders}) == 3
     listed = [tmp_path / "two" / name for name in "ba"]
     assert content_hash(tmp_path / "two", listed) == content_hash(tmp_path / "two", listed[::-1])
+
+
+def test_json_of_more_levels_than_python_has_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_text("[" * 100_000)
+    with pytest.raises(InputError, match=r"a\.json: expected JSON, "):
+        read_json(tmp_path / "a.json")
+
+
+def test_the_cache_lies_where_it_is_named_or_else_where_the_system_keeps_such(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, folder in (("HOME", "/a"), ("XDG_CACHE_HOME", "/b"), ("CLTRANSFER_CACHE", "/c")):
+        monkeypatch.setenv(name, folder)
+    assert cache_dir() == Path("/c")
+    monkeypatch.delenv("CLTRANSFER_CACHE")
+    assert cache_dir() == Path("/b/cltransfer")
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    assert cache_dir() == Path("/a/.cache/cltransfer")
