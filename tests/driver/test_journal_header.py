@@ -40,6 +40,15 @@ def test_who_was_named_follows_from_subject_and_is_asked_for_again(tmp_path: Pat
     assert _begun_so("subject", None).startswith("go on with no --subject, or")
 
 
+def test_what_one_side_alone_has_is_told(tmp_path: Path) -> None:
+    begun = {"threads": 2, "network of pose": "a" * 64}
+    Journal(tmp_path / "a", begun, False)
+    with pytest.raises(InputError, match=r"network of pose: the run was begun with 'a+', this is null \(start over"):
+        Journal(tmp_path / "a", {"threads": 2}, True)
+    with pytest.raises(InputError, match=r"network of depth: the run was begun with null, this is 'b+' \(start over"):
+        Journal(tmp_path / "a", {**begun, "network of depth": "b" * 64}, True)
+
+
 def test_how_a_run_is_gone_on_with_can_be_pasted() -> None:
     assert (
         _begun_so("init", "my views/a.json") == "go on with --init 'my views/a.json', or start over with another --out"
@@ -81,3 +90,9 @@ def test_a_command_is_the_same_by_what_it_says_and_reads_on_whatever_computer() 
     for key in ("config.seed", "init", "scene", "reference", *read):
         assert not same_command(begun, {**begun, key: "another"})
     assert not same_command(["a journal"], begun)
+
+
+def test_what_networks_run_on_and_what_could_not_be_read_this_time_is_no_other_command() -> None:
+    begun = {"scene": "a" * 64, "networks run on": "auto", "unread of the reference": ["flow"]}
+    assert same_command(begun, {**begun, "networks run on": "cpu"})
+    assert same_command(begun, {**begun, "unread of the reference": []})
