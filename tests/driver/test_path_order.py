@@ -214,6 +214,17 @@ def test_a_cut_that_the_reference_does_not_make_stays_only_where_anything_else_i
     assert least_path(clip, x, None, 0.0, Effort(0, 4)).name == "every frame"  # the reference may jump as well
 
 
+@pytest.mark.parametrize(("apart", "seen"), [(0.39, []), (0.41, [3])])
+def test_a_cut_is_a_jump_of_half_the_distance_that_the_camera_makes_and_not_the_reference(
+    apart: float, seen: list[int]
+) -> None:
+    held = torch.zeros(6, 7, dtype=torch.float64)
+    jumps = held.clone()
+    jumps[3:, 3] = apart
+    assert cuts(jumps, held) == seen
+    assert cuts(held, jumps) == []
+
+
 def test_a_filtered_path_that_refining_makes_too_dear_stays_as_it_was_filtered(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cltransfer.driver.spline.STIFFNESS", 1e7)  # straightens whatever moves
     clip, x = waving(period=4)
