@@ -230,3 +230,59 @@ def test_which_side_faces_the_camera_is_told_alike_of_a_body_that_leans() -> Non
     assert 0 < float(upright[2]) < 1  # how surely is told too
     for roll in (0.7, -1.2, 3.0):
         torch.testing.assert_close(facing(shown(yaw, roll)), upright)
+
+
+@pytest.mark.parametrize("rate", [24.0, 60.0])
+def test_who_turns_within_a_step_is_believed_however_short_the_step_is(rate: float) -> None:
+    yaw = torch.tensor([0.0] * 5 + [1.8] * 3, dtype=torch.float64)  # the other way round it would be less of a turn
+    torch.testing.assert_close(repair_flips(yaw, None, torch.arange(8) / rate), yaw)
+    torch.testing.assert_close(repair_flips(yaw), yaw)
+
+
+@pytest.mark.parametrize("frames", [3, 4])
+def test_a_clip_of_few_frames_is_cleaned_too(frames: int) -> None:
+    angles = torch.zeros(frames, 3, dtype=torch.float64)
+    angles[1, 0] = 3.1
+    got = cleaned(Features((10, 10), orientation=angles), 1.0).require("orientation")
+    assert float(got.abs().max()) < 0.1
+
+
+def test_who_had_a_second_to_turn_since_the_frame_before_does_not_leap_either() -> None:
+    read, frames = degrees(10, 11, 11, 12, 12, 67), torch.arange(6).double()
+    assert list(leaps(read, times=0.8 * frames)) == [5]
+    assert leaps(read, times=1.2 * frames) == {}
+
+
+def test_the_farther_the_next_frames_are_the_more_may_have_happened_since() -> None:
+    at = torch.tensor([0.0, 3, 4, 5, 6, 7], dtype=torch.float64)
+    assert leaps(degrees(33, 0, 6, 12, 18, 24), at) == {}  # 51 degrees off the line, which turns by 18 up to there
+    assert list(leaps(degrees(50, 0, 6, 12, 18, 24), at)) == [0]
+
+
+def first_elsewhere(size: tuple[int, int], speed: float, off: float) -> Features:
+    """Joints that move by ``speed`` [px] a frame; of the first one the angle is another, and they are ``off`` [px]."""
+    pitch = torch.zeros(8, 3, dtype=torch.float64)
+    pitch[0, 1] = 1.0
+    joints = torch.rand(14, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64) * 60 + 20
+    read = joints + speed * torch.arange(8, dtype=torch.float64)[:, None, None]
+    read[0] += off
+    read = torch.cat([read, torch.full((8, 14, 1), 0.9, dtype=torch.float64)], dim=2)
+    return Features(size, orientation=pitch, keypoints=read)
+
+
+@pytest.mark.parametrize(
+    ("size", "speed", "led"), [((100, 100), 0.0, True), ((100, 300), 0.0, False), ((100, 100), 4.0, False)]
+)
+def test_whether_joints_are_elsewhere_is_told_by_the_longer_side_and_by_how_they_move(
+    size: tuple[int, int], speed: float, led: bool
+) -> None:
+    read = first_elsewhere(size, speed, 5.0)
+    assert torch.equal(righted(read).require("keypoints"), read.require("keypoints")) != led
+
+
+def test_joints_that_are_led_to_are_seen_as_the_next_ones_are_and_one_that_was_not_found_is_no_hindrance() -> None:
+    read = first_elsewhere((100, 100), 0.0, 30.0)
+    joints = read.require("keypoints")
+    joints[0, :, 2] = 0.1
+    joints[0, 3] = torch.nan
+    torch.testing.assert_close(righted(read).require("keypoints")[0], joints[1])
