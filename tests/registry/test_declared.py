@@ -94,6 +94,17 @@ def test_a_property_that_takes_no_value_is_no_option() -> None:
 
 
 @dataclass(frozen=True)
+class FromBehind(Base):
+    groups = (0, -1)
+
+
+def test_groups_are_counted_from_0() -> None:
+    told = r"class FromBehind has groups = \(0, -1\), expected the group of each residual, counted from 0"
+    with pytest.raises(ModelError, match=told):
+        LOSSES.register("mine")(FromBehind)
+
+
+@dataclass(frozen=True)
 class Squared(FilmicSpace):
     residuals = method  # type: ignore[assignment]
 

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import pytest
 
 from cltransfer.errors import ModelError, UsageError
-from cltransfer.registry.typed import IN_QUOTES, typed
+from cltransfer.registry.typed import IN_QUOTES, nearest, typed
 
 
 @dataclass
@@ -67,6 +67,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
         {"name": "a", "more": {"x": ["${name}"]}},
         "more.x[0]: interpolation is not part of the grammar (write the value)",
     ),
+    ({"name": "a${oc.env:HOME}"}, "name: interpolation is not part of the grammar (write the value)"),
     ({"name": "a", "sure": 1}, "sure: expected true or false, got 1"),
     ({"name": "a", "sure": 0.0}, "sure: expected true or false, got 0.0"),
     ({"name": None}, "name: expected text, got null"),
@@ -90,6 +91,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"other": {"rate": "fast"}}, "other.rate: expected a number, got 'fast'"),
     ({"others": {"x": {"rte": 1}}}, "others.x.rte: no such key (did you mean 'rate'?)"),
     ({"nme": "a"}, "nme: no such key (did you mean 'name'?)"),
+    ({"kind": 1.5}, "kind: expected one of near, far, got 1.5"),
     ({"kind": "middle"}, "kind: expected one of near, far, got 'middle'"),
     ({"count": 1.5}, "count: expected a whole number or null, got 1.5"),
     ({"sure": "perhaps"}, "sure: expected true or false, got 'perhaps'"),
@@ -103,6 +105,9 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"inner": 3}, "inner: expected a mapping of keys to values, got 3"),
     ({"inner": {"rte": 3}}, "inner.rte: no such key (did you mean 'rate'?)"),
     ({"inner": {"rate": "fast"}}, "inner.rate: expected a number, got 'fast'"),
+    ({"inner": {"rate": 10**400}}, f"inner.rate: expected a number, got 1{'0' * 17}...{'0' * 19}"),
+    ({"inner": {"rate": -1}}, "rate must not be negative, got -1.0"),
+    ({"inner": {"rate": -1}, "count": 1.5}, "count: expected a whole number or null, got 1.5"),
     ({"inners": [{}, {"rate": "fast"}]}, "inners[1].rate: expected a number, got 'fast'"),
     ({"inners": 3}, "inners: expected a list of mappings, got 3"),
     ({"more": 3}, "more: expected a mapping of keys to values, got 3"),
@@ -143,6 +148,16 @@ def test_a_mapping_that_is_given_replaces_the_default_as_a_list_does() -> None:
     assert typed(Bodies, {"one": {"table": {"hip": 1}}}).one == Joints(table={"hip": 1.0})
 
 
+@dataclass(frozen=True)
+class Several:
+    bodies: dict[str, Joints] = field(default_factory=lambda: {"a": Joints(), "b": Joints()})
+
+
+def test_a_mapping_is_as_it_is_given_in_whatever_order_its_keys_stand_there() -> None:
+    made = typed(Several, {"bodies": {"b": {"table": {"hip": 1}}, "a": {}}}).bodies
+    assert list(made.items()) == [("b", Joints({"hip": 1.0})), ("a", Joints())]
+
+
 def test_values_inside_others_are_taken_as_they_are_meant() -> None:
     more = {"flags": [True, False], "pair": [3, True], "rows": [["1.10", 3]], "surely": None, "named": {"head": False}}
     made = typed(Outer, {"name": "a", **more, "other": {"rate": 3}, "others": {"x": {"word": "yes"}}})
@@ -160,3 +175,8 @@ def test_what_does_not_fit_is_told_in_plain_words(values: dict[str, Any], line: 
 def test_a_class_whose_options_no_config_can_hold_is_named() -> None:
     with pytest.raises(ModelError, match=r"^class Unfit: expected options that are numbers, text, true or false"):
         typed(Unfit, {})
+
+
+def test_a_word_is_a_hint_where_it_is_a_letter_or_two_apart() -> None:
+    assert nearest("jont", ["joint", "head"]) == "did you mean 'joint'?"
+    assert nearest("out", ["joint", "head"]) == "known: head, joint"
