@@ -114,6 +114,20 @@ def test_between_two_frames_a_path_is_straight() -> None:
     assert 0 < float(angle[0]) < math.pi / 2
 
 
+def test_between_two_frames_a_camera_turns_evenly() -> None:
+    path = dolly_zoom_around(torch.tensor([0.0, 1.0], dtype=torch.float64))
+    R = path.at(torch.tensor([0.25], dtype=torch.float64)).camera.w2c[0, :3, :3]
+    cosines = torch.einsum("nii->n", path.camera.w2c[:, :3, :3] @ R.T) - 1
+    first, last = cosines.div(2).acos().tolist()
+    assert last == pytest.approx(3 * first)
+
+
+def test_a_principal_point_that_moves_does_so_between_frames_too() -> None:
+    path, between = dolly_zoom_around(moments(5)), torch.tensor([0.3, 1.1], dtype=torch.float64)
+    path.camera.K[:, 0, 2] += path.times
+    torch.testing.assert_close(path.at(between).camera.K[:, :2, 2], torch.stack([32 + between, 18 + 0 * between], 1))
+
+
 def test_a_frame_alone_stands() -> None:
     path = dolly_zoom_around(moments(1))
     assert len(path.at(path.times)) == 1
@@ -122,6 +136,8 @@ def test_a_frame_alone_stands() -> None:
 def test_outside_its_times_there_is_no_path() -> None:
     with pytest.raises(ValueError, match=r"times must be within 0 to 2 s, got -0\.1 to 1"):
         dolly_zoom_around(moments(3)).at(torch.tensor([-0.1, 1.0], dtype=torch.float64))
+    with pytest.raises(ValueError, match=r"times must be within 0 to 2 s, got 1 to 2\.1"):
+        dolly_zoom_around(moments(3)).at(torch.tensor([1.0, 2.1], dtype=torch.float64))
 
 
 def trajectory() -> Trajectory:
@@ -157,12 +173,16 @@ def test_a_damaged_trajectory_is_refused_by_field(tmp_path: Path) -> None:
 
     mirrored = json.loads(json.dumps(good["frames"]))
     mirrored[1]["w2c"][0][0] *= -1
+    upside = json.loads(json.dumps(good["frames"]))
+    upside[1]["w2c"][1] = [-value for value in upside[1]["w2c"][1]]
     backwards = json.loads(json.dumps(good["frames"]))
     backwards[1]["time"] = 9.0
     refuse("expected rotations", frames=mirrored)
+    refuse("w2c: expected rotations .a scaled or mirrored pose", frames=upside)
     refuse("times must increase", frames=backwards)
     refuse("expected a list of 1 to 2000", frames=[])
-    for size in ("wide", [math.inf, 90], [160.5, 90], [10**400, 90], [0, 90], [True, 90], [160], None):
+    refuse("expected a list of 1 to 2000", frames=good["frames"] * 667)
+    for size in ("wide", [math.inf, 90], [160.5, 90], [10**400, 90], [0, 90], [16385, 90], [True, 90], [160], None):
         refuse("size: expected a width and a height, whole numbers in", size=size)
 
     def changed(number: int, **fields: object) -> list[dict[str, object]]:
