@@ -23,6 +23,13 @@ def stage(foreground: float | None, character: float | None, background: float |
     return replace(sample_features(0, 1), depth=depth, layers=layers)
 
 
+def speck() -> Features:
+    """A foreground of 4 of 900 pixels, fewer than count."""
+    features = stage(None, 2, 8)
+    features.layers[:, 0, 0, :4], features.depth[:, 0, :4] = True, 0.1
+    return features
+
+
 def test_is_the_difference_of_both_log_ratios() -> None:
     value = FilmicSpace()(stage(1, 2, 8), stage(3, 4, 5))
     expected = abs(math.log(8 / 2) - math.log(5 / 4)) + abs(math.log(1 / 2) - math.log(3 / 4))
@@ -57,10 +64,8 @@ def test_character_missing_is_undefined_row_7(mode: str) -> None:
 
 
 def test_layer_below_the_least_area_is_empty_row_7() -> None:
-    speck = stage(None, 2, 8)
-    speck.layers[:, 0, 0, :4], speck.depth[:, 0, :4] = True, 0.1  # 4 of 900 pixels
-    assert float(FilmicSpace()(stage(None, 2, 8), speck)) == 0
-    assert float(FilmicSpace(min_area=0.001)(stage(None, 2, 8), speck)) == pytest.approx(math.log(2))
+    assert float(FilmicSpace()(stage(None, 2, 8), speck())) == 0
+    assert float(FilmicSpace(min_area=0.001)(stage(None, 2, 8), speck())) == pytest.approx(math.log(2))
 
 
 def test_flat_layers_are_no_singularity_row_8() -> None:
@@ -138,3 +143,14 @@ def test_beyond_a_jump_a_peak_costs_how_far_it_is_from_where_it_is_wanted(
     expected = [0.0, 0.0]
     expected[column] = math.log(off)
     assert found.tolist() == pytest.approx(expected, abs=1e-5)
+
+
+def test_beyond_a_jump_there_is_no_layer_below_the_least_area() -> None:
+    assert FilmicSpace().beyond(stage(1, 2, 8), speck()).isnan().all(-1).tolist() == [[False, True]]
+    assert not FilmicSpace(min_area=0.001).beyond(stage(1, 2, 8), speck()).isnan().any()
+
+
+def test_one_reference_is_read_by_the_least_area_of_each_loss() -> None:
+    reference = speck()
+    assert float(FilmicSpace()(reference, stage(None, 2, 8))) == 0
+    assert float(FilmicSpace(min_area=0.001)(reference, stage(None, 2, 8))) == pytest.approx(math.log(2))
