@@ -118,6 +118,7 @@ def methods_of(reference: str, render: str, more: list[str]) -> tuple[dict[str, 
     """
     if _is_one_clip(_folder(reference)):
         _check_one_render(reference, render)
+        _check_no_second(reference, more)
         return {}, more
     methods: dict[str, str] = {}
     rest = []
@@ -184,6 +185,14 @@ def _check_one_render(reference: str, render: str) -> None:
             reason = f"{_by_what(path)}, so it is taken for one clip: expected one render, got {render}"
             hint = "leave out METHOD=, or name a folder that holds videos, image folders or runs, and no images"
             raise UsageError(reference, "", reason, hint)
+
+
+def _check_no_second(reference: str, more: list[str]) -> None:
+    """Refuse a second clip behind the render of one."""
+    for argument in more:
+        if _file(argument) or os.path.isdir(_folder(argument)):
+            hint = "score one after the other, or folders: evaluate REFERENCES METHOD=FOLDER METHOD=FOLDER"
+            raise UsageError(argument, "", f"expected one render, as {reference} is one clip", hint)
 
 
 def _by_what(path: Path) -> str:

@@ -61,7 +61,8 @@ class ClipSource:
         for part in fragment.split("&"):
             key, _, value = part.partition("=")
             if key not in KEYS or key in values:
-                raise UsageError(source, f"#{key}", "expected each part once", f"known: {', '.join(KEYS)}")
+                wrong = "expected each part once" if key in values else "unknown part"
+                raise UsageError(source, f"#{key}", wrong, f"known: {', '.join(KEYS)}")
             values[key] = value
         return cls(
             Path(name),

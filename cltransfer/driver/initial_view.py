@@ -121,7 +121,7 @@ def best_of_orbit(
     aim, defined = Aim(subject, size, first, free_lens, fov), stage.objective.defined(first)[0]
     if not bool(defined.any()):
         losses = ", ".join(stage.objective.names)
-        raise UsageError("losses", losses, "none tells where to stand in a first frame", "add shot_size or framing")
+        raise UsageError("losses", losses, "none tells where to stand in a first frame", _what_would(stage, first))
     read = _read_stand(first)
     stands = _stands(read)
     views = aim.views(stands, COARSE)
@@ -135,6 +135,16 @@ def best_of_orbit(
         views = concatenate([views, fine])
         totals = torch.cat([totals, stage.objective.totals(_scored(stage, first, fine), defined)])
     return views[_apart(views.center, totals.argsort(stable=True).tolist(), subject.anchor)]
+
+
+def _what_would(stage: Stage, first: Features) -> str:
+    """What makes some loss tell where to stand: what the reference lacks of it, the one that lacks least."""
+    still = {name: loss for name, loss in stage.objective.losses.items() if not stage.objective.moves(loss)}
+    lacks = {name: [one for one in loss.requires if not first.has(one)] for name, loss in still.items()}
+    name = min((name for name in lacks if lacks[name]), key=lambda name: len(lacks[name]), default=None)
+    if name is None:
+        return "add shot_size or framing"
+    return f"add {', '.join(lacks[name])} to the reference, which {name} needs"
 
 
 def _scored(stage: Stage, first: Features, views: Camera) -> Tensor:

@@ -33,6 +33,14 @@ def clips(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.parametrize("second", ["ours/a.mkv", "refs/b.mkv#t=0,1", "ours"])
+def test_a_second_render_of_one_clip_is_refused(clips: Path, second: str) -> None:
+    line = f"{second}: expected one render, as refs/a.mkv is one clip \\(score one after the other"
+    with pytest.raises(UsageError, match=line):
+        methods_of("refs/a.mkv", "refs/b.mkv", [second, "frames=4"])
+    assert methods_of("refs/a.mkv", "refs/b.mkv", ["frames=4"]) == ({}, ["frames=4"])
+
+
 @pytest.mark.parametrize("name", ["", " ", "\t"])
 def test_a_method_without_a_name_is_refused(clips: Path, name: str) -> None:
     for words in ([f"{name}=ours"], ["ours", f"{name}=refs"]):

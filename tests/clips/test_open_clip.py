@@ -446,3 +446,9 @@ def test_too_many_pairs_are_refused_before_they_are_looked_at(tmp_path: Path, mo
     monkeypatch.setattr("cltransfer.clips.pairs.check_one_shot", lambda where: pytest.fail("looked at every frame"))
     with pytest.raises(InputError, match="frames: expected at most 9 to keep, got 10"):
         open_pairs(where, where, None)
+
+
+@pytest.mark.parametrize(("asked", "wrong"), [("persn=1", "#persn: unknown part"), ("t=0,1&t=1,2", "#t: expected")])
+def test_a_part_that_is_unknown_or_asked_twice_is_told_to_be(asked: str, wrong: str) -> None:
+    with pytest.raises(UsageError, match=rf"clip.mp4#.*{wrong}.*\(known: t, person"):
+        ClipSource.parse(f"clip.mp4#{asked}")

@@ -59,6 +59,15 @@ def test_losses_that_need_motion_alone_do_not_tell_where_to_stand() -> None:
         best_of_orbit(stage, first, (96, 54), True)
 
 
+def test_a_reference_of_joints_alone_is_told_what_it_lacks() -> None:
+    scene, first = named_scene("courtyard"), sample_features(0, 1)
+    parts = Components.build(load_config())
+    stage = Stage(scene, parts.renderer, parts.plan("scene"), Objective(parts.losses), (96, 54))
+    joints = Features(first.size, keypoints=first.keypoints)
+    with pytest.raises(UsageError, match=r"in a first frame \(add subject to the reference, which shot_size needs"):
+        best_of_orbit(stage, joints, (96, 54), True)
+
+
 def test_whom_the_network_took_from_behind_is_looked_at_from_the_front_with_the_same_lean() -> None:
     up, left, ray = torch.tensor([[0.3, -0.9, 0.1], [0.8, 0.2, 0.5], [0.1, 0.0, -1.0]], dtype=torch.float64)
     true, read = (orientation_from_axes(side, up, ray) for side in (left, -left))
