@@ -6,24 +6,33 @@ from collections import Counter
 from collections.abc import Iterator
 from typing import Any
 
+YAML_VALUES = 2**15  # keys too, lists and mappings; those of a scene of 256 parts are 6,000
 YAML_LEVELS = 64  # a config takes six; a parser's own stack ends at some thousand
 MOST_BITS = 2**13  # Python writes no whole number of more than 4300 digits
 
 
 def check_yaml(text: str, loader: Any) -> None:
-    """Refuse, as ``loader`` will read ``text``, anchors, of which a short file makes a huge value, and deep nesting.
+    """Refuse anchors, of which a short file makes a huge value, deep nesting, and more than is read in seconds.
+
+    Args:
+        text: as it was written.
+        loader: by which it will be read.
 
     Raises:
-        ValueError: it names an anchor or an alias, or is nested deeper than :data:`YAML_LEVELS`.
+        ValueError: it names an anchor or an alias, is nested deeper than :data:`YAML_LEVELS`, or has more than
+            :data:`YAML_VALUES` keys and values.
         YAMLError: it is no YAML.
     """
     import yaml
 
-    deep, depth = ValueError(f"expected at most {YAML_LEVELS} levels"), 0
+    deep, depth, values = ValueError(f"expected at most {YAML_LEVELS} levels"), 0, 0
     try:
         for event in yaml.parse(text, loader):
             if getattr(event, "anchor", None):
                 raise ValueError("expected no anchors and aliases (& and *), write the values")
+            values += isinstance(event, yaml.NodeEvent)
+            if values > YAML_VALUES:
+                raise ValueError(f"expected at most {YAML_VALUES} keys and values")
             depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
             if depth > YAML_LEVELS:
                 raise deep

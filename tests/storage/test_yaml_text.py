@@ -8,7 +8,15 @@ from collections.abc import Callable
 import pytest
 import yaml
 
-from cltransfer.storage.yaml_text import MOST_BITS, YAML_LEVELS, check_yaml, long_numbers, named_twice, plain_values
+from cltransfer.storage.yaml_text import (
+    MOST_BITS,
+    YAML_LEVELS,
+    YAML_VALUES,
+    check_yaml,
+    long_numbers,
+    named_twice,
+    plain_values,
+)
 
 LOADERS = (yaml.SafeLoader, getattr(yaml, "CSafeLoader", yaml.SafeLoader))
 
@@ -26,6 +34,19 @@ def test_yaml_of_too_many_levels_is_refused_as_that_by_every_loader(opened: str,
     for levels in (YAML_LEVELS + 1, 2000, 100_000):  # libyaml has a limit of its own between
         with pytest.raises(ValueError, match=f"expected at most {YAML_LEVELS} levels"):
             check_yaml(opened * levels, loader)
+
+
+@pytest.mark.parametrize("loader", LOADERS)
+@pytest.mark.parametrize("value", ["0,", "a: 0,", "[],"])
+def test_yaml_of_too_many_values_is_refused_before_all_of_it_is_read(
+    value: str, loader: type, within: Callable[[float, float], bool]
+) -> None:
+    opened, closed = "{}" if ":" in value else "[]"
+    check_yaml(f"{opened}{value.strip(',')}{closed}", loader)
+    begun = time.process_time()
+    with pytest.raises(ValueError, match=f"expected at most {YAML_VALUES} keys and values"):
+        check_yaml(f"{opened}{value * (2**20 // len(value))}{closed}", loader)
+    assert within(time.process_time() - begun, 5)
 
 
 @pytest.mark.parametrize(
