@@ -262,11 +262,17 @@ def check_size(path: Path, limit: int) -> None:
 
 
 def content_hash(path: Path, files: Iterable[Path] | None = None) -> str:
-    """SHA-256 of a file, or of the names and contents of a folder's ``files``, all of them by default, by name."""
+    """SHA-256 of a file, or of the names and contents of a folder's ``files``, all of them by default, by name.
+
+    Raises:
+        InputError: one of them is a folder, a device or a pipe.
+    """
     digest, members = hashlib.sha256(), files
     if members is None:
         members = (p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
     for member in sorted(members):
+        if member.exists() and not member.is_file():
+            raise InputError(member, "", "expected a file")  # a pipe would be waited for
         if path.is_dir():
             digest.update(os.fsencode(f"{member.relative_to(path).as_posix()}\0{member.stat().st_size}\0"))
         with member.open("rb") as stream:

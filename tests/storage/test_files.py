@@ -195,3 +195,13 @@ def test_the_cache_lies_where_it_is_named_or_else_where_the_system_keeps_such(mo
     assert cache_dir() == Path("/b/cltransfer")
     monkeypatch.delenv("XDG_CACHE_HOME")
     assert cache_dir() == Path("/a/.cache/cltransfer")
+
+
+def test_nobody_waits_for_a_pipe_that_lies_among_files(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.png")
+    (tmp_path / "b.png").mkdir()
+    for files in ([tmp_path / "a.png"], [tmp_path / "b.png"]):
+        with pytest.raises(InputError, match=rf"{files[0].name}: expected a file"):
+            content_hash(tmp_path, files)
+    with pytest.raises(InputError, match=r"a\.png: expected a file"):
+        content_hash(tmp_path / "a.png")
