@@ -6,6 +6,7 @@ the command line's alone.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, fields, replace
 from pathlib import Path
@@ -162,15 +163,17 @@ def place(text: str, field: str, where: Any, fence: Path | None) -> str:
 
 def _place(text: str, field: str, where: Any, fence: Path | None) -> str:
     """One file of them."""
+    if "\0" in text:
+        raise UsageError(where, field, "expected the name of a file", f"got {text!r}")
     file = part = ""
-    full = ((fence or Path()) / text).resolve()
+    full = Path(os.path.realpath((fence or Path()) / text))
     if not full.exists():
         if text.startswith(NOT_FILES):
             return text
         mark = next((mark for mark in "#:" if mark in text), "")
         if mark:
             file, _, part = text.rpartition(mark)
-            full, part = ((fence or Path()) / file).resolve(), mark + part
+            full, part = Path(os.path.realpath((fence or Path()) / file)), mark + part
     if fence is not None and not full.is_relative_to(fence):
         raise UsageError(where, field, f"{file or text} leads out of the file's folder", "name it on the command line")
     return f"{full}{part}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections import Counter
 from itertools import pairwise
@@ -41,7 +42,7 @@ def image_files(folder: Path) -> list[Path]:
         raise InputError(folder, "images", "expected PNG or JPEG files, found none")
     here = folder.resolve()
     for file in (*files, folder / TIMES):
-        if file.is_symlink() and not file.resolve().is_relative_to(here):
+        if file.is_symlink() and not Path(os.path.realpath(file)).is_relative_to(here):  # a loop leads nowhere
             raise InputError(file, "", "is a link that leads out of its folder", "put the file itself there")
     return files
 

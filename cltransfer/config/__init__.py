@@ -7,6 +7,7 @@ components, it never loads code: see :mod:`cltransfer.plugins`.
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files as package_files
 from pathlib import Path
@@ -153,7 +154,7 @@ def _base(path: Path, base: Any) -> Path:
     if base.replace("\\", "/").startswith("//"):  # Windows would ask another computer for it
         raise UsageError(path, "base", "expected a file in this folder or the one above", f"got {base}")
     found = path.parent / base
-    if not found.resolve().is_relative_to(path.parent.resolve().parent):
+    if not Path(os.path.realpath(found)).is_relative_to(path.parent.resolve().parent):
         raise UsageError(path, "base", "expected a file in this folder or the one above", f"got {base}")
     if not found.is_file():
         reason = "expected a file, got a folder" if found.is_dir() else "no such file"

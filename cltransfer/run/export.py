@@ -97,7 +97,8 @@ def _check_out(out: Path, kind: str, source: Path) -> None:
     check_out_file(out) if kind else check_model(out)
     target = Path(os.path.realpath(out))
     kept = [source, *kept_by_runs(target, source.resolve())]
-    if any(same_file(target, file) or (not kind and file.resolve().is_relative_to(target)) for file in kept):
+    around = [] if kind else [file for file in kept if Path(os.path.realpath(file)).is_relative_to(target)]
+    if around or any(same_file(target, file) for file in kept):
         raise UsageError(out, "--out", "is a file of a run itself, or what is read", "name another")
     if kind and not _exported(target, kind):
         raise UsageError(out, "--out", "is there, and was not exported here", "name another, or take it away first")

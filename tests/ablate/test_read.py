@@ -15,7 +15,7 @@ import pytest
 from cltransfer.ablate.read import ablations, read_sweep
 from cltransfer.ablate.sources import check_sources
 from cltransfer.config import load_config
-from cltransfer.errors import CltransferError, UsageError
+from cltransfer.errors import CltransferError, InputError, UsageError
 from cltransfer.run.initial import given_view
 from cltransfer.scenes.load import load_scene
 
@@ -322,6 +322,26 @@ def test_a_link_that_leads_out_of_the_folder_is_refused(written: Written, tmp_pa
     (tmp_path / "clip.mp4").symlink_to("/etc/hostname")
     with pytest.raises(UsageError, match="leads out"):
         read_sweep(written(f"rows: {{a: {{}}}}\nreferences: [{name}]\n"))
+
+
+def test_a_link_to_itself_is_a_file_that_is_not_there(written: Written, tmp_path: Path) -> None:
+    (tmp_path / "clip.mp4").symlink_to("clip.mp4")
+    sweep = read_sweep(written("rows: {a: {}}\nreferences: [clip.mp4]\n"))
+    with pytest.raises(InputError, match=r"clip\.mp4: no such file"):
+        check_sources(sweep)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        r'rows: {a: {}}, references: ["a\0"]',
+        r'rows: {a: {}}, scenes: ["a\0.ply"]',
+        r'rows: {a: {scene: {init: "a\0#t=1"}}}',
+    ],
+)
+def test_a_name_that_no_file_has_is_told(written: Written, text: str) -> None:
+    with pytest.raises(UsageError, match=r"expected the name of a file \(got 'a\\x00"):
+        read_sweep(written(f"{{{text}}}"))
 
 
 def test_files_are_found_beside_the_file_and_from_the_command_line_anywhere(

@@ -708,6 +708,13 @@ def test_a_link_out_of_the_folder_is_not_followed(folder, tmp_path_factory):
     assert refused(folder, "", "leads out of its folder").where.endswith("times.json")
 
 
+def test_a_link_to_itself_is_an_image_that_is_not_there(folder):
+    (folder / "times.json").symlink_to("times.json")
+    assert len(read_clip(folder)) == 12
+    (folder / "f12.png").symlink_to("f12.png")
+    assert refused(folder, "", "no such file").where.endswith("f12.png")
+
+
 @pytest.mark.parametrize("options", [[], [cv2.IMWRITE_JPEG_PROGRESSIVE, 1]])
 def test_what_lies_behind_a_jpeg_is_none_of_it(tmp_path, options):
     picture = np.random.default_rng(3).integers(0, 255, (48, 64, 3)).astype(np.uint8)

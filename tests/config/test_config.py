@@ -118,6 +118,13 @@ def test_a_base_outside_the_neighbourhood_is_refused(tmp_path: Path) -> None:
         load_config(inner / "run.yaml")
 
 
+def test_a_base_that_is_a_link_to_itself_is_not_there(tmp_path: Path) -> None:
+    (tmp_path / "loop.yaml").symlink_to("loop.yaml")
+    (tmp_path / "run.yaml").write_text("base: loop.yaml\n")
+    with pytest.raises(UsageError, match=r"base: loop\.yaml: no such file"):
+        load_config(tmp_path / "run.yaml")
+
+
 @pytest.mark.parametrize(
     ("base", "message"),
     [

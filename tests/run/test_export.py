@@ -18,7 +18,7 @@ from cltransfer.clips.decoding import decode
 from cltransfer.errors import InputError, UsageError
 from cltransfer.run.export import export_path
 from cltransfer.run.frame_rate import at_rate
-from cltransfer.storage.run_files import CAMERA_PATH, DONE, MANIFEST, TRAJECTORY
+from cltransfer.storage.run_files import CAMERA_PATH, DONE, MANIFEST, STRIP, TRAJECTORY
 from cltransfer.testing.samples import sample_cameras
 from cltransfer.trajectory import Trajectory
 
@@ -165,6 +165,13 @@ def test_files_of_the_run_itself_stay(tiny_run: Path, tmp_path: Path, monkeypatc
             export_path(tiny_run, out, None, None)
     assert {file: file.read_bytes() for file in run.rglob("*") if file.is_file()} == before
     export_path(run, run / "camera" / "shot.usda", None, None)
+
+
+def test_a_result_of_the_run_that_is_a_link_to_itself_is_no_place_of_a_model(tiny_run: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    (run / STRIP).unlink()
+    (run / STRIP).symlink_to(STRIP)
+    assert len(export_path(run, tmp_path / "model", None, None)) == len(Trajectory.load(run / TRAJECTORY))
 
 
 @pytest.mark.parametrize("name", ["loss.py", "stage.usda", "camera_path.json", "SHOT.PY"])
