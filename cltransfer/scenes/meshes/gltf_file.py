@@ -212,6 +212,11 @@ def _check_limits(path: Path, tree: dict[str, Any]) -> None:
         count = about.get("count", 0)
         if not isinstance(count, int) or not 0 < count <= COUNT_LIMIT:
             raise InputError(path, f"accessors[{index}]", f"expected 1 to {COUNT_LIMIT} rows, got {count!r}")
+    for kind in ("bufferViews", "accessors"):
+        for index, about in enumerate(tree.get(kind, [])):
+            offset = about.get("byteOffset", 0)
+            if not isinstance(offset, int) or offset < 0:
+                raise InputError(path, f"{kind}[{index}]", f"expected a byteOffset of 0 or more, got {offset!r:.40}")
     for index, about in enumerate(tree.get("skins", [])):
         _check_joints(path, f"skins[{index}].joints", about.get("joints", []), len(tree.get("nodes", [])))
 

@@ -172,8 +172,9 @@ def _skinned(gltf: Gltf, attributes: dict[str, int], matrices: Array) -> tuple[A
     )
     if len(joints) != len(rest) or joints.shape != weights.shape or rest.shape[1] != 3:
         raise InputError(gltf.path, "skins", f"{len(rest)} vertices have {len(joints)} joints, {len(weights)} weights")
-    if joints.max() >= len(matrices):
-        raise InputError(gltf.path, "skins", f"joint {joints.max()} of {len(matrices)}")
+    wrong = joints[(joints < 0) | (joints >= len(matrices))]
+    if len(wrong):
+        raise InputError(gltf.path, "skins", f"joint {wrong[0]} of {len(matrices)}")
     total = weights.sum(1, keepdims=True)
     share = np.where(total > 0, weights, np.eye(1, weights.shape[1])) / np.where(total > 0, total, 1)  # else the first
     blended = np.einsum("vk,vkij->vij", share, matrices[joints])

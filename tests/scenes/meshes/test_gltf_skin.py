@@ -167,6 +167,8 @@ def damage(tree, what):
         tree["skins"][0]["joints"] = [1, 99]
     if what == "twelve":
         tree["meshes"][0]["primitives"][0]["attributes"]["JOINTS_2"] = 0
+    if what in ("view", "array"):
+        tree["bufferViews" if what == "view" else "accessors"][0]["byteOffset"] = -12
 
 
 @pytest.mark.parametrize(
@@ -181,6 +183,8 @@ def damage(tree, what):
         ("few binds", "expected 2 inverse bind matrices or more, got 1 of 16 numbers"),
         ("node", "has no entry 99"),
         ("twelve", "at most 8 joints a vertex"),
+        ("view", r"bufferViews\[0\]: expected a byteOffset of 0 or more, got -12"),
+        ("array", r"accessors\[0\]: expected a byteOffset of 0 or more, got -12"),
     ],
 )
 def test_a_damaged_skin_is_one_line(bar, write_glb, tmp_path, what, reason):
@@ -190,6 +194,17 @@ def test_a_damaged_skin_is_one_line(bar, write_glb, tmp_path, what, reason):
     with pytest.raises(InputError, match=reason) as error:
         posed(read_gltf(path, Beside(path)), 0.5)
     assert "\n" not in str(error.value)
+
+
+def test_no_joint_counts_back_from_the_last(bar, write_glb, tmp_path):
+    tree, blob = bar()
+    joints = tree["accessors"][1]
+    joints["componentType"] = 5122
+    first = tree["bufferViews"][joints["bufferView"]]["byteOffset"]
+    blob = blob[:first] + np.full(1, -1, "<i2").tobytes() + blob[first + 2 :]
+    path = write_glb(tmp_path / "bar.glb", tree, blob)
+    with pytest.raises(InputError, match="skins: joint -1 of 2"):
+        posed(read_gltf(path, Beside(path)), 0.5)
 
 
 def test_matrices_beyond_those_of_the_joints_count_for_nothing(bar, write_glb, tmp_path):
