@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from array import array
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -222,14 +222,10 @@ def small_pictures(
     path: Path, fps: float | None = None, trajectory: Path | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times (F,) [s] and small pictures (F, h, w, 3) uint8 of every frame; see :func:`.clip.timed_frames`."""
-    frames: Iterable[tuple[float, np.ndarray]] = (
-        (time, frame.raw.reformat(*SIZE, format="rgb24", interpolation="AREA").to_ndarray())
-        for time, frame in timed_frames(path, fps, trajectory)
-    )
     times, small = array("d"), bytearray()
-    for time, picture in frames:
+    for time, frame in timed_frames(path, fps, trajectory):
         times.append(time)
-        small += picture.tobytes()
+        small += frame.raw.reformat(*SIZE, format="rgb24", interpolation="AREA").to_ndarray().tobytes()
     return np.array(times), np.frombuffer(small, np.uint8).reshape(-1, SIZE[1], SIZE[0], 3)
 
 
