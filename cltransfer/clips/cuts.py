@@ -14,6 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from ..errors import InputError
 from .clip import timed_frames
+from .letterbox import BLACK, MOST
 from .part import within
 from .source import ClipSource
 
@@ -24,8 +25,7 @@ RECOLORED = 0.08  # part of the pixels that changed their bin
 FLASH = 2  # pictures at most that are no shot where what was seen before is seen after them
 STANDS_OUT = 3.0  # over the usual change about it: a whip pan changes as much, but for many frames
 FLAT = 2.0  # standard deviation of each colour [levels] below which a picture shows nothing
-BLACK = 24  # level up to which a bar is black
-LEFT = 0.25  # of a side, at least, that is picture, as letterbox.MOST has it: less is a scene in the dark
+LEFT = 1 - MOST  # of a side, at least, that is picture: less is a scene in the dark
 _ROUNDED = 0.001  # [s] by which a moment may miss a shot
 NEIGHBOURS = 4  # changes on either side that say what is usual
 SAME = 0.002  # change at most of a frame that is shown again
