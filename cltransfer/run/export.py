@@ -12,6 +12,7 @@ from ..export.lens import at_side, filmable, rate_of
 from ..export.nerfstudio import write_camera_path
 from ..export.usd import write_usd
 from ..storage.files import check_out_file, read_json, same_file
+from ..storage.foreign import head_holds
 from ..storage.run_files import MANIFEST, TRAJECTORY, kept_by_runs, require_done, require_run
 from ..trajectory import Trajectory
 from .frame_rate import at_rate
@@ -19,7 +20,6 @@ from .frame_rate import at_rate
 TURNED = (".glb", ".gltf", ".obj")  # files whose y other programs take for up
 FRAMES = 100_000  # cameras of one file, about 20 MB
 WORLDS = (".usda", ".py")  # formats that say, or act on, which way is up
-HEAD = 4096  # bytes of a file within which it is seen who has written it
 MARKS = {  # of what was exported here, by every version so far; nerfstudio's own cameras have no time
     ".usda": ('doc = "Camera path of cltransfer.',),
     ".py": ("# A camera path of cltransfer.",),
@@ -106,8 +106,6 @@ def _check_out(out: Path, kind: str, source: Path) -> None:
 
 def _exported(file: Path, kind: str) -> bool:
     """Whether nothing lies at ``file``, or what an earlier export has written there."""
-    if not file.is_file():
+    if not file.is_file() or not file.stat().st_size:
         return True
-    with file.open("rb") as stream:
-        head = stream.read(HEAD)
-    return not head or all(mark.encode() in head for mark in MARKS[kind])
+    return all(head_holds(file, mark) for mark in MARKS[kind])
