@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ..errors import InputError, UsageError
 from .files import check_out, read_json, refuse_outside, same_file
-from .unfinished import holds_others, temporaries
+from .unfinished import clear_left, holds_others
 
 FORMAT = "cltransfer.run"  # what the manifest of a run says it is
 MANIFEST, CONFIG, JOURNAL, DONE = "manifest.json", "config.yaml", "journal.bin", "DONE"
@@ -144,8 +144,7 @@ def clear(folder: Path) -> None:
     What of it was being written when the run was killed goes too. Its manifest stays, by which the folder is known as
     that of a run until there is another.
     """
-    for name in RESULTS:
-        if name != MANIFEST:
-            (folder / name).unlink(missing_ok=True)
-        for unfinished in temporaries(folder / name):
-            unfinished.unlink(missing_ok=True)
+    for path in (folder / name for name in RESULTS):
+        if path != folder / MANIFEST:
+            path.unlink(missing_ok=True)
+        clear_left(path.parent, re.compile(re.escape(path.name)))

@@ -8,11 +8,6 @@ from pathlib import Path
 _TEMPORARY = re.compile(r"\.(?:tmp|new)-\d+-[0-9a-f]{8}-(.+)", re.DOTALL)  # as storage.files.atomic names them
 
 
-def temporaries(path: Path) -> list[Path]:
-    """What writers of ``path`` that were killed have left beside it."""
-    return left_in(path.parent, re.compile(re.escape(path.name)))
-
-
 def left_in(folder: Path, names: re.Pattern[str]) -> list[Path]:
     """What killed writers of files in ``folder`` have left that are called as ``names`` say."""
     found = ((path, _TEMPORARY.fullmatch(path.name)) for path in sorted(folder.glob(".*-*")))
