@@ -16,7 +16,6 @@ from ..errors import InputError, UsageError
 from ..models.content import files_content, model_content, own_model
 from ..models.places import found_model
 from ..reading.scene_source import split_scene
-from ..registry import EXTRACTORS, LOSSES, RENDERERS, SEARCHES
 from ..registry.declared import BUILTIN
 from ..registry.plugin_code import code_of
 from ..scenes.builtin import read_name
@@ -33,8 +32,9 @@ MADE_OF_FILES = (".yaml", ".yml", ".gltf", ".obj")  # scenes that name other fil
 
 def parts_content(config: RunConfig) -> list[list[Any]]:
     """Code of the plugins and content of the networks and files that a config names."""
-    built = [part for section in SECTIONS for part in config.build(section).values()]
-    return [[code_of(part), model_content(own_model(part) or ""), *files_content(part).items()] for part in built]
+    return [
+        [code_of(part), model_content(own_model(part) or ""), *files_content(part).items()] for part in _built(config)
+    ]
 
 
 def read_here(config: RunConfig, parts: list[list[Any]], networks: bool) -> list[list[Any]]:
@@ -42,20 +42,22 @@ def read_here(config: RunConfig, parts: list[list[Any]], networks: bool) -> list
 
     What is not here counts as empty, where it is known by the catalogue elsewhere.
     """
-    built = [part for section in SECTIONS for part in config.build(section).values()]
-    here = [networks and found_model(own_model(part) or "") is not None for part in built]
+    here = [networks and found_model(own_model(part) or "") is not None for part in _built(config)]
     return [[model if there else "", *files] for there, (_, model, *files) in zip(here, parts, strict=True)]
 
 
 def codes_of(*configs: RunConfig) -> tuple[str, ...]:
     """Code of the plugins that configs name, as it was imported here."""
-    parts = [part for config in configs for section in SECTIONS for part in config.build(section).values()]
-    return tuple(sorted({code_of(part) for part in parts} - {""}))
+    return tuple(sorted({code_of(part) for config in configs for part in _built(config)} - {""}))
+
+
+def _built(config: RunConfig) -> list[Any]:
+    return [part for section in SECTIONS for part in config.build(section).values()]
 
 
 def plugin_codes() -> tuple[str, ...]:
     """The code of every component of a plugin that is registered here, as it was imported."""
-    classes = [cls for known in (RENDERERS, EXTRACTORS, LOSSES, SEARCHES) for cls in known.registered().values()]
+    classes = [cls for known in SECTIONS.values() for cls in known.registered().values()]
     return tuple(sorted({code_of(cls) for cls in classes} - {""}))
 
 
