@@ -31,7 +31,8 @@ def check_measurable(sweep: Sweep) -> list[str]:
             continue
         key = f"metrics.losses.{name}"
         reason = f"needs {lacking[0]!r}, which nothing gives in the metrics"
-        written = _written(extractors=_feeding(sweep, lacking)) if _feeding(sweep, lacking) else ""
+        feeding = _feeding(sweep, lacking)
+        written = _written(extractors=feeding) if feeding else ""
         if key in sweep.origins:
             hint = f"add `{written}`" if written else "add an extractor of it to the metrics"
             raise UsageError(origin(sweep.origins, key), key, reason, f"{hint}, or leave it out")
