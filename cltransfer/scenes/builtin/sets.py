@@ -35,7 +35,7 @@ def courtyard(rng: np.random.Generator | None = None) -> Place:
         *surroundings(),
     ]
     for y in np.arange(-6.0, 8.5, 2.4):
-        parts += _column((-5.4, y), 2.7)
+        parts += _column((-5.4, y))
     parts += [Part(p, plain((0.66, 0.36, 0.26), 0.1), 0.24) for p in box((-6.6, -7.2, 2.7), (-5.1, 9.6, 2.95))]
     parts += _fountain((-2.6, -2.4))
     for spot, size in (((-3.6, 3.0), 1.1), ((2.2, -5.6), 1.0), ((5.4, 5.8), 1.2)):
@@ -114,9 +114,9 @@ def _house(low: Spot, high: Spot, rise: float, color: RGB, spacing: float = 0.32
     ]
 
 
-def _column(spot: Spot, rise: float) -> list[Part]:
+def _column(spot: Spot) -> list[Part]:
     profile = [(0, 0.30), (0.08, 0.30), (0.09, 0.20), (0.9, 0.17), (0.91, 0.28), (1, 0.28)]
-    return [Part(Lathe((*spot, 0), (*spot, rise), profile), plain((0.84, 0.79, 0.70)), 0.1)]
+    return [Part(Lathe((*spot, 0), (*spot, 2.7), profile), plain((0.84, 0.79, 0.70)), 0.1)]
 
 
 def _fountain(spot: Spot) -> list[Part]:

@@ -102,7 +102,7 @@ class Lathe:
         edges = np.linspace(0.0, arc[-1], max(2, round(arc[-1] / spacing)) + 1)
         heights, radii = (np.interp(edges, arc, column) for column in profile.T)
         frame = _frame(axis / length)
-        rings = [_ring(h, r, (1.0, self.flat), spacing) for h, r in zip(pairwise(heights), pairwise(radii))]
+        rings = [_ring(h, r, self.flat, spacing) for h, r in zip(pairwise(heights), pairwise(radii))]
         flat = Cells.concatenate(rings)
         return Cells(start + flat.center @ frame, flat.half_u @ frame, flat.half_v @ frame, flat.uv)
 
@@ -122,15 +122,13 @@ def _frame(axis: Array) -> Array:
     return np.stack([wide, np.cross(axis, wide), axis])
 
 
-def _ring(
-    heights: tuple[float, float], radii: tuple[float, float], section: tuple[float, float], spacing: float
-) -> Cells:
-    """Cells between two circles round the z axis."""
+def _ring(heights: tuple[float, float], radii: tuple[float, float], flat: float, spacing: float) -> Cells:
+    """Cells between two circles round the z axis, ``flat`` along y."""
     radius, rise = np.mean(radii), np.diff(heights)[0]
     count = max(3, int(np.ceil(2 * np.pi * radius / spacing)))
     angle = (np.arange(count) + 0.5) * 2 * np.pi / count
-    out = np.stack([np.cos(angle) * section[0], np.sin(angle) * section[1], 0 * angle], 1)
-    around = np.stack([-np.sin(angle) * section[0], np.cos(angle) * section[1], 0 * angle], 1)
+    out = np.stack([np.cos(angle), np.sin(angle) * flat, 0 * angle], 1)
+    around = np.stack([-np.sin(angle), np.cos(angle) * flat, 0 * angle], 1)
     along = out * np.diff(radii)[0] + np.array([0, 0, rise])
     center = out * radius + np.array([0, 0, np.mean(heights)])
     uv = np.stack([angle * max(radii), np.full(count, np.mean(heights))], 1)
