@@ -100,15 +100,10 @@ def _check_elements(path: Path, elements: dict[str, Element]) -> None:
     if "packed_position" in vertex.types:
         _check_compressed(path, elements)
         return
-    _require(
-        path,
-        vertex,
-        (*POSITION, *COLOR, "opacity", *_scales(vertex), *ROTATION),
-        ("float", "float32", "double", "float64"),
-    )
     rest = _rest_names(vertex.types)
     filters = (FILTER,) if FILTER in vertex.types else ()
-    _require(path, vertex, (*rest, *filters), ("float", "float32", "double", "float64"))
+    names = (*POSITION, *COLOR, "opacity", *_scales(vertex), *ROTATION, *rest, *filters)
+    _require(path, vertex, names, ("float", "float32", "double", "float64"))
     _check_rest(path, len(rest))
 
 
