@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -93,10 +93,12 @@ def simplify(
     `transfer` does the first by itself while searching: lod=2. The second leaves out those that hang in the air by
     themselves and nothing else, as `transfer` does for its search, and needs no view.
     """
+    from ..config.layers import parse_overrides
     from ..convert_scene import Simplification, simplify_file
     from ..progress import progress
+    from ..registry.typed import typed
 
-    options: Simplification = _options(Simplification, overrides or [])
+    options = typed(Simplification, parse_overrides(overrides or []))
     with progress(quiet) as report:
         found = simplify_file(scene, out, view or [], options, report)
     steps = {"solid": options.floaters == "drop", "pruned": options.prune > 0, "after": options.k > 0}
@@ -140,11 +142,3 @@ def bake(
     command += ["--subject", str(out / SUBJECT)] if found["subject"] else []
     command += ["renderer.nerf_grid={}"] if representation == "nerf_grid" else []
     show(found, f"{found['file']}: {found['count']:,} primitives; {shlex.join(command)}", as_json)
-
-
-def _options(cls: type[Any], overrides: list[str]) -> Any:
-    """A value of ``cls`` with ``key=value`` on top of its defaults, checked by its own fields."""
-    from ..config.layers import parse_overrides
-    from ..registry.typed import typed
-
-    return typed(cls, parse_overrides(overrides))
