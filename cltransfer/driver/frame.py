@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -45,7 +45,7 @@ class Memory:
     shape: Tensor | None = None
     jacobian: Tensor | None = None
     known: Tensor | None = None
-    totals: tuple[float, ...] = field(default=())
+    totals: tuple[float, ...] = ()
     renewal: Retry = RENEWAL
     settled: Tensor | None = None
     rescue: Retry = RESCUE

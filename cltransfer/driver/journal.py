@@ -77,7 +77,7 @@ class Journal:
                 self._waiting = []
             else:
                 self._stream.truncate(0)
-            self._append(_coded(header))
+            self._append(json.dumps(header, sort_keys=True).encode())
 
     @property
     def settled(self) -> bool:
@@ -179,10 +179,6 @@ class Journal:
             if lasting or time.monotonic() - self._synced >= SYNC:
                 os.fsync(self._stream.fileno())
                 self._synced = time.monotonic()
-
-
-def _coded(header: Mapping[str, object]) -> bytes:
-    return json.dumps(header, sort_keys=True).encode()
 
 
 def fingerprint(cameras: Camera) -> int:

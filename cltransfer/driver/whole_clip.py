@@ -16,7 +16,7 @@ from ..features import Features
 from ..pipeline.objective import Across, group_norms
 from ..search import limits
 from .jumps import Jumps
-from .refine import STEP, Bounds, inside, inward
+from .refine import STEP, inside, inward
 from .spline import Local
 from .stage import Stage
 
@@ -59,17 +59,13 @@ class WholeClip:
         """N cameras of x (N, D)."""
         return self.search.cameras(x, self.home, self.stage.scene.subject)
 
-    def limits(self, dimensions: int) -> Bounds:
-        """Lowest and highest x, (dimensions,) each, that limit a camera."""
-        return limits(self.search, dimensions)
-
     def inside(self, x: Tensor, kept: Tensor | None = None) -> Tensor:
         """A path x (N, D) moved onto the limits where it goes beyond, as splines do of frames at a limit.
 
         What clamping takes along ``kept`` (D,), as the lens, is added back through coordinates at no limit; a standing
         path is only clamped.
         """
-        bounds = self.limits(x.shape[1])
+        bounds = limits(self.search, x.shape[1])
         found = inside(x, bounds)
         if kept is None or bool((x == x[:1]).all()) or torch.equal(found, x):
             return found
@@ -204,7 +200,7 @@ class WholeClip:
             having = rows[:, r].nonzero()[:, 0]
             if not measured[having, d].any():  # of a residual that few frames have one measures what none would
                 measured[having[len(having) // 2], d] = True
-        steps = inward(x, step, self.limits(D))  # (N, D)
+        steps = inward(x, step, limits(self.search, D))  # (N, D)
         jacobians = torch.zeros(N, rows.shape[1], D, dtype=torch.float64)
         for i, before in enumerate(chain([None], stage.path(self.cameras(x[:-1])))):
             directions = measured[i]
