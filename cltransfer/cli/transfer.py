@@ -98,7 +98,7 @@ def transfer(
     config.yaml and report.html in the run folder, and prints the five metrics; `cltransfer export` takes the camera to
     Blender, USD or COLMAP. Clips and scenes of your own need two networks: cltransfer models pull default.
     """
-    paths, overrides = split([word for word in (scene, reference, *(more or ())) if word is not None], 2)
+    paths, overrides = split([word for word in (scene, reference, *(more or ())) if word is not None])
     if resume is not None and out is not None and out.resolve() != resume.resolve():
         raise UsageError("", "--out", "a run is resumed in its own folder", "leave out --out or --resume")
     settings = settings_of(config, overrides, allow_plugin)
@@ -251,8 +251,8 @@ def export(
     print(f"{out}: {len(written)} cameras of {width}x{height} over {seconds:.2f} s{numbered}")
 
 
-def split(arguments: list[str], most: int) -> tuple[list[str], list[str]]:
-    """Paths first, then key=value; a path that holds '=' must exist."""
+def split(arguments: list[str]) -> tuple[list[str], list[str]]:
+    """Two paths at most, then key=value; a path that holds '=' must exist."""
     from ..config.layers import QUOTES, is_cut
 
     paths, overrides = [a for a in arguments if not is_override(a)], [a for a in arguments if is_override(a)]
@@ -262,8 +262,8 @@ def split(arguments: list[str], most: int) -> tuple[list[str], list[str]]:
             raise UsageError(
                 "", key, f"expected key=value, got {word} {after}", f"no spaces go around the =: {key}=VALUE"
             )
-    if len(paths) > most:
+    if len(paths) > 2:
         spaced = "no spaces go around the =" * any(word.endswith("=") for word in overrides)
         hint = QUOTES if any(map(is_cut, overrides)) else spaced
-        raise UsageError("", paths[most], f"expected at most {most} paths, got {len(paths)}", hint)
+        raise UsageError("", paths[2], f"expected at most 2 paths, got {len(paths)}", hint)
     return paths, overrides
