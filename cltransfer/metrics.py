@@ -14,11 +14,12 @@ from __future__ import annotations
 import hashlib
 import json
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import torch
 from torch import Tensor
+from torch.nn import Module
 from torchmetrics import Metric, MetricCollection
 
 from .clips.pairs import other_shape
@@ -95,6 +96,11 @@ class FrameMetric(Metric):
     def plot(self, val: Any = None, ax: Any = None) -> Any:
         """Figure and axes of what was computed, as of any torchmetric."""
         return self._plot(val, ax)
+
+    def _apply(self, fn: Callable[[Tensor], Tensor], exclude_state: Sequence[str] = ()) -> Module:
+        """Sums keep their type, but for ``set_dtype``: with a model in bfloat16 frames would be counted to 256."""
+        kept = fn if self._dtype_convert else lambda state: fn(state).to(state.dtype)
+        return super()._apply(kept, exclude_state)
 
     def _state(self, state: str) -> Tensor:
         return getattr(self, f"{self._prefix}_{state}")

@@ -210,6 +210,19 @@ def test_coverage_is_that_of_all_processes_as_the_mean_is() -> None:
         assert metric.coverage == covered  # and no process is asked again
 
 
+@pytest.mark.parametrize("half", [torch.bfloat16, torch.float16])
+def test_a_model_in_half_precision_leaves_its_scores_theirs(half: torch.dtype) -> None:
+    model = torch.nn.ModuleDict({"scores": MetricCollection({"framing": LossMetric("framing")})}).to("cpu", half)
+    metric = model["scores"]["framing"]
+    for _ in range(300):
+        metric.update(torch.tensor([0.5, 1.5]))
+    metric = metric.to(half)
+    assert (float(metric.compute()), metric.coverage) == (1.0, (600, 600))
+    assert metric.compute().dtype is torch.float64
+    metric.set_dtype(torch.float32)  # which says so
+    assert metric.compute().dtype is torch.float32
+
+
 def test_features_without_a_render_are_refused() -> None:
     with pytest.raises(ValueError, match="both sides"):
         LossMetric("framing").update(REFERENCE)
