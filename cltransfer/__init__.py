@@ -10,8 +10,23 @@ import sys
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:  # or a type checker takes them for the modules of the same names
+if TYPE_CHECKING:  # or to a type checker and an editor each of them is Any, and two the modules of the same names
+    from .camera import Camera as Camera
+    from .config import load_config as load_config
     from .evaluate import evaluate as evaluate
+    from .features import Features as Features
+    from .metrics import camera_language_metrics as camera_language_metrics
+    from .pipeline.components import Components as Components
+    from .reading.frames import clip_features as clip_features
+    from .registry import EXTRACTORS as EXTRACTORS
+    from .registry import FITTERS as FITTERS
+    from .registry import LOSSES as LOSSES
+    from .registry import RENDERERS as RENDERERS
+    from .registry import SEARCHES as SEARCHES
+    from .scenes import Scene as Scene
+    from .subject import Subject as Subject
+    from .trajectory import Trajectory as Trajectory
+    from .transfer import Inputs as Inputs
     from .transfer import transfer as transfer
 
 __version__ = "0.1.0"

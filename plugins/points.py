@@ -6,7 +6,7 @@ It is no look that one would keep; it shows what a renderer is: cameras in, the 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -67,7 +67,7 @@ class Points:
     def render(self, scene: Scene, cameras: Camera, buffers: frozenset[str]) -> Features:
         """What B cameras see; depth is along the optical axis, NaN where there is nothing."""
         frames = [self._frame(scene.geometry, cameras[i]) for i in range(len(cameras))]  # 9 ms each at 160x90
-        drawn = {name: torch.stack([frame[name] for frame in frames]) for name in buffers}
+        drawn: dict[str, Any] = {name: torch.stack([frame[name] for frame in frames]) for name in buffers}
         return Features(cameras.size, **drawn, camera=cameras, person=scene.subject)
 
     def _frame(self, splats: Splats, camera: Camera) -> dict[str, Tensor]:

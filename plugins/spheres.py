@@ -6,7 +6,7 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -104,7 +104,7 @@ class Spheres:
             kind = type(scene.geometry).__name__
             raise UsageError(scene.name, "renderer spheres", f"expected spheres, got {kind}", "name an .npz")
         frames = [self._frame(scene.geometry, cameras[i]) for i in range(len(cameras))]  # 10 ms each at 160x90
-        drawn = {name: torch.stack([frame[name] for frame in frames]) for name in buffers}
+        drawn: dict[str, Any] = {name: torch.stack([frame[name] for frame in frames]) for name in buffers}
         return Features(cameras.size, **drawn, camera=cameras, person=scene.subject)
 
     def _frame(self, ball: Ball, camera: Camera) -> dict[str, Tensor]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import inspect
 import pkgutil
@@ -106,6 +107,15 @@ def test_every_registry_is_among_the_names_and_in_the_tutorial() -> None:
     assert names <= set(cltransfer.__all__)
     assert [name for name in names if f"`{name}`" not in page and f"@{name}." not in page] == []
     assert cltransfer.FITTERS is registry.FITTERS
+
+
+def test_a_type_checker_knows_every_public_name_from_its_home() -> None:
+    """With ``as``, or it takes a name for no public one; loaded on first use alone each is Any to it."""
+    tree = ast.parse((ROOT / "cltransfer" / "__init__.py").read_text(encoding="utf-8"))
+    (block,) = (node for node in tree.body if isinstance(node, ast.If))
+    lines = [node for node in block.body if isinstance(node, ast.ImportFrom)]
+    told = {alias.asname: node.module for node in lines for alias in node.names if alias.asname == alias.name}
+    assert told == cltransfer._HOME
 
 
 def test_what_a_loop_of_ones_own_needs_is_there_and_nothing_is_loaded_before() -> None:
