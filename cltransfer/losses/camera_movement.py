@@ -184,6 +184,7 @@ class CameraMovement:
 def _on_grid_of(reference: Features, rendered: Features, layers: Tensor) -> tuple[Tensor, Tensor]:
     """Flow and ``layers`` of ``rendered`` on the pixels of ``reference``, vectors in its pixels."""
     flow = rendered.require("flow")
+    flow = flow.to(torch.promote_types(flow.dtype, torch.float32))  # scaled by parts of a pixel
     grid = tuple(reference.require("flow").shape[-2:])
     scale = flow.new_tensor([a / b for a, b in zip(reference.size, rendered.size)])[:, None, None]
     flow = interpolate(flow, grid, mode="nearest-exact") * scale

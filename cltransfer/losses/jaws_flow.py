@@ -82,7 +82,7 @@ class JawsFlow:
         """Raw loss, (B,) [px^2 at 224, and half turns]; NaN where undefined."""
         check_pair(reference, rendered)
         found, wanted = self._vectors(rendered), self._vectors(reference)
-        dtype = torch.promote_types(torch.promote_types(found.dtype, wanted.dtype), torch.float32)
+        dtype = torch.promote_types(found.dtype, wanted.dtype)
         found = found.to(dtype)
         wanted = interpolate(wanted.to(dtype), tuple(found.shape[-2:]), mode="nearest-exact")
         error = flow_error(wanted, found)
@@ -91,6 +91,7 @@ class JawsFlow:
     def _vectors(self, features: Features) -> Tensor:
         """Flow (B, 2, H, W) in pixels of a frame of 224."""
         flow = features.require("flow")
+        flow = flow.to(torch.promote_types(flow.dtype, torch.float32))  # scaled by parts of a pixel
         width, height = features.size
         per_pixel = flow.new_tensor([SIDE / width if self.quirks else SIDE / height, SIDE / height])
         return flow * per_pixel[:, None, None]

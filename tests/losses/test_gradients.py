@@ -148,6 +148,19 @@ def test_a_flow_of_jaws_that_has_a_value_has_finite_gradients(what: str) -> None
     assert bool(flow.grad.isfinite().all())
 
 
+@pytest.mark.parametrize("kind", [torch.int16, torch.int32, torch.int64])
+@pytest.mark.parametrize(
+    ("name", "mode"), [("camera_movement", "robust"), ("camera_movement", "faithful"), ("jaws_flow", "")]
+)
+def test_a_flow_may_be_of_whole_pixels(name: str, mode: str, kind: torch.dtype) -> None:
+    reference, rendered = (replace(sample_features(seed, 2), size=(640, 360)) for seed in (0, 1))
+    whole = [replace(side, flow=(10 * side.require("flow")).round()) for side in (reference, rendered)]
+    loss = LOSSES.build(name, {"mode": mode} if mode else {})
+    value = loss(*(replace(side, flow=side.require("flow").to(kind)) for side in whole))
+    assert bool((value > 0).all())
+    torch.testing.assert_close(value, loss(*whole), check_dtype=False)
+
+
 @pytest.mark.parametrize("half", [torch.float16, torch.bfloat16])
 @pytest.mark.parametrize(("name", "feature"), [("camera_movement", "flow"), ("filmic_space", "depth")])
 def test_a_network_may_give_half_precision(name: str, feature: str, half: torch.dtype) -> None:
