@@ -25,7 +25,7 @@ def centroid_difference(reference: Tensor, rendered: Tensor) -> Tensor:
     """
     shown = visible_joints(reference)[..., None]  # (R, J, 1)
     moved = (rendered[..., :2] - reference[..., :2]).masked_fill(~shown, 0)
-    return moved.sum(1) / shown.sum(1)  # no joint: 0 / 0 is NaN
+    return moved.sum(-2) / shown.sum(-2)  # no joint: 0 / 0 is NaN
 
 
 def framing_loss(reference: Tensor, rendered: Tensor) -> Tensor:

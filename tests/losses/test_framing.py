@@ -15,6 +15,15 @@ def test_is_the_distance_of_the_centroids() -> None:
     torch.testing.assert_close(framing_loss(JOINTS, moved), torch.tensor([0.5]))
 
 
+def test_joints_of_a_frame_alone_and_of_several_clips_are_those_of_a_batch() -> None:
+    random = torch.Generator().manual_seed(0)
+    reference, rendered = (JOINTS + 0.1 * torch.rand(6, 5, 3, generator=random) for _ in range(2))
+    value = framing_loss(reference, rendered)
+    torch.testing.assert_close(framing_loss(reference[0], rendered[0]), value[0])
+    clips = framing_loss(reference.unflatten(0, (2, 3)), rendered.unflatten(0, (2, 3)))
+    torch.testing.assert_close(clips, value.unflatten(0, (2, 3)))
+
+
 def test_joints_unseen_in_the_reference_do_not_count_row_4() -> None:
     reference = JOINTS.clone()
     reference[:, 4, 2] = 0.2
