@@ -12,7 +12,7 @@ from ..features import Features
 from .objective import Objective
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Term:
     """One loss over N frames.
 
@@ -52,7 +52,7 @@ class Term:
         return "undefined on the first frame" if bool(known[1:].all()) else "undefined on some frames"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scores:
     """All terms of one path.
 

@@ -31,7 +31,7 @@ STORED = ("keypoints", "box", "subject", "layers", "depth", "flow", "flow_confid
 MASKS = ("subject", "layers")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class FeatureFile:
     """Features of N frames with their times and where they came from.
 

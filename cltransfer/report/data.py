@@ -22,7 +22,7 @@ class Flag:
     reason: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ReportData:
     """One run, ready to be shown.
 
