@@ -9,6 +9,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from numbers import Integral
 from typing import SupportsIndex
 
 import torch
@@ -32,7 +33,8 @@ class Camera:
         size: (W, H) [px].
 
     Raises:
-        ValueError: a shape is wrong.
+        ValueError: a shape is wrong, or ``size`` is none.
+        TypeError: ``w2c`` or ``K`` is no tensor.
     """
 
     w2c: Tensor  # (B, 4, 4)
@@ -41,13 +43,20 @@ class Camera:
 
     def __post_init__(self) -> None:
         for name, shape in (("w2c", (4, 4)), ("K", (3, 3))):
-            got = tuple(getattr(self, name).shape)
+            value: object = getattr(self, name)
+            wanted = f"(B, {shape[0]}, {shape[1]})"
+            if not isinstance(value, Tensor):
+                raise TypeError(
+                    f"{name} must be a tensor {wanted}, got {type(value).__name__}; torch.as_tensor makes one"
+                )
+            got = tuple(value.shape)
             if len(got) != 3 or got[1:] != shape:
-                raise ValueError(f"{name} must be (B, {shape[0]}, {shape[1]}), got {got}; add a batch dimension")
+                raise ValueError(f"{name} must be {wanted}, got {got}; add a batch dimension")
         if len(self.w2c) != len(self.K):
             raise ValueError(f"w2c and K must have the same batch, got {len(self.w2c)} and {len(self.K)}")
         object.__setattr__(self, "w2c", self.w2c.to("cpu", torch.float64))
         object.__setattr__(self, "K", self.K.to("cpu", torch.float64))
+        object.__setattr__(self, "size", frame_size(self.size))
 
     def __len__(self) -> int:
         return len(self.w2c)
@@ -124,6 +133,17 @@ class Camera:
         rotation = torch.stack([right, down, forward], dim=1)
         fov = torch.as_tensor(vertical_fov, dtype=torch.float64, device=eye.device).expand(len(eye))
         return cls(w2c_of(rotation, eye), intrinsics(size[1] / (2 * torch.tan(fov / 2)), size), size)
+
+
+def frame_size(size: object) -> tuple[int, int]:
+    """(W, H) as plain numbers, which files hold, of whole ones of any kind, numpy's too.
+
+    Raises:
+        ValueError: it is none.
+    """
+    if isinstance(size, tuple) and len(size) == 2 and all(isinstance(n, Integral) and int(n) > 0 for n in size):
+        return int(size[0]), int(size[1])
+    raise ValueError(f"size must be (W, H), two whole numbers above 0, got {size!r}")
 
 
 def w2c_of(R: Tensor, center: Tensor) -> Tensor:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -44,10 +43,9 @@ def check_shapes(own: Mapping[str, Any], extras: Mapping[str, Any]) -> None:
 
     Raises:
         ValueError: a field has another shape, or another number of frames than the others; an extra has a field's name;
-            the size is none, or (H, W) beside a map.
+            the size is (H, W) beside a map.
         TypeError: one that should be a tensor is none, a mask is not bool, or an image has no floats.
     """
-    _check_size(own["size"])
     wide, high = own["size"]
     first, count = "", -1
     for name, dimensions, fixed, is_map in FIXED:  # 7 us of 10 with all there; every evaluation makes some
@@ -86,11 +84,6 @@ def check_mask(name: str, value: Tensor) -> None:
     """
     if value.dtype is not torch.bool:
         raise TypeError(f"{name} must be bool, got {value.dtype}; {name} > 0.5 makes it so")
-
-
-def _check_size(size: Any) -> None:
-    if not (isinstance(size, tuple) and len(size) == 2 and all(isinstance(n, Integral) and int(n) > 0 for n in size)):
-        raise ValueError(f"size must be (W, H), two whole numbers above 0, got {size!r}")
 
 
 def on_grid(maps: Tensor, grid: Sequence[int]) -> Tensor:

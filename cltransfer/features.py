@@ -9,7 +9,7 @@ from typing import Any, SupportsIndex, TypeVar
 import torch
 from torch import Tensor
 
-from .camera import Camera, batch_index, concatenate
+from .camera import Camera, batch_index, concatenate, frame_size
 from .feature_shapes import SHAPES, check_shapes
 from .subject import Subject
 
@@ -79,6 +79,7 @@ class Features:
     _known: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "size", frame_size(self.size))
         check_shapes(self.__dict__, self.extras)
 
     def __len__(self) -> int:

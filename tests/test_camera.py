@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
@@ -77,6 +80,20 @@ def test_vertical_field_of_view_comes_back() -> None:
 def test_a_missing_batch_dimension_is_named() -> None:
     with pytest.raises(ValueError, match=r"w2c must be \(B, 4, 4\), got \(4, 4\); add a batch dimension"):
         Camera(torch.eye(4), torch.eye(3)[None], SIZE)
+
+
+@pytest.mark.parametrize("size", [(0, 3), (64.0, 36.0), [64, 36], None, (64,)])
+def test_a_size_is_two_whole_numbers_of_pixels(size: Any) -> None:
+    with pytest.raises(ValueError, match=r"size must be \(W, H\), two whole numbers above 0, got"):
+        Camera(torch.eye(4)[None], torch.eye(3)[None], size)
+
+
+@pytest.mark.parametrize("name", ["w2c", "K"])
+@pytest.mark.parametrize("kind", [list, np.asarray])
+def test_what_is_no_tensor_is_told_how_it_becomes_one(name: str, kind: Callable[[Any], Any]) -> None:
+    given = {"w2c": torch.eye(4)[None], "K": torch.eye(3)[None]}
+    with pytest.raises(TypeError, match=rf"{name} must be a tensor \(B, .*torch.as_tensor makes one"):
+        Camera(**{**given, name: kind(given[name])}, size=SIZE)
 
 
 def test_indexing_keeps_the_batch_and_concatenate_joins() -> None:

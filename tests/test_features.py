@@ -6,6 +6,7 @@ import itertools
 import pickle
 from collections.abc import Iterable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,9 @@ import torch
 from cltransfer import LOSSES
 from cltransfer.feature_shapes import on_grid
 from cltransfer.features import Features
+from cltransfer.reading.feature_file import FeatureFile
 from cltransfer.testing.samples import sample_cameras, sample_features, sample_subject
+from cltransfer.trajectory import Trajectory
 
 
 def test_a_feature_is_set_and_taken_away_by_name_be_it_a_plugin_s_or_not() -> None:
@@ -293,6 +296,16 @@ def test_features_are_told_apart_by_which_they_are() -> None:
 def test_a_size_is_two_whole_numbers_of_pixels(size: Any) -> None:
     with pytest.raises(ValueError, match=r"size must be \(W, H\), two whole numbers above 0, got"):
         replace(sample_features(0, 1), size=size)
+
+
+def test_a_size_of_numpy_s_numbers_is_kept_in_files(tmp_path: Path) -> None:
+    features, times = sample_features(0, 2), torch.arange(2.0)
+    width, height = np.array(features.size)
+    features = replace(features, size=(width, height), camera=replace(features.require("camera"), size=(width, height)))
+    FeatureFile(features, times, "").save(tmp_path / "features.safetensors")
+    assert FeatureFile.load(tmp_path / "features.safetensors").features.size == (64, 36)
+    Trajectory(features.require("camera"), times).save(tmp_path / "trajectory.json")
+    assert Trajectory.load(tmp_path / "trajectory.json").camera.size == (64, 36)
 
 
 MAPS: dict[str, tuple[torch.dtype, tuple[int, ...]]] = {
