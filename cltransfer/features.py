@@ -156,8 +156,8 @@ class Features:
         return replace(self, extras=others if value is None else {**others, name: value})
 
     def only(self, names: Iterable[str]) -> Features:
-        """The same without any feature but ``names``; where none of them is there, still of as many frames."""
-        keep = set(names)
+        """The same without any feature but ``names``, or one; where none of them is there, still of as many frames."""
+        keep = {names} if isinstance(names, str) else set(names)
         blank: dict[str, Any] = {n: None for n in self.names() - keep if n not in self.extras}
         extras = {n: v for n, v in self.extras.items() if n in keep}
         if not self.names() & keep:

@@ -33,6 +33,8 @@ def test_a_feature_is_set_and_taken_away_by_name_be_it_a_plugin_s_or_not() -> No
 def test_only_what_is_named_stays() -> None:
     features = sample_features(0, 2).having("heat", torch.ones(2, 3)).having("cold", torch.ones(2, 3))
     assert features.only({"depth", "heat", "elsewhere"}).names() == {"depth", "heat"}
+    for name in ("depth", "heat"):
+        assert features.only(name).names() == {name}  # and not of the names d, e, p, t, h
 
 
 def test_one_frame_is_a_batch_of_one_that_shares_memory() -> None:
