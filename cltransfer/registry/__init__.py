@@ -128,6 +128,8 @@ class Registry(Generic[T]):
         """
         cls = self.get(name)
         above = f"{self.section}.{name}" if self.section else ""
+        if not isinstance(options, Mapping | None):
+            raise UsageError("", above or name, f"expected a mapping of options, got {options!r:.40}")
         _check_finite(above, options or {}, options or {})
         try:
             with named(f"{self.kind} {name!r}", "expected a component of these options"):

@@ -135,6 +135,12 @@ def test_a_weight_that_rewards_a_difference_or_that_no_total_holds_is_refused(we
     assert LOSSES.build("framing", {"weight": 0}).weight == 0
 
 
+def test_options_that_are_no_mapping_are_refused() -> None:
+    options: Any = 10
+    with pytest.raises(UsageError, match=r"losses\.framing: expected a mapping of options, got 10"):
+        LOSSES.build("framing", options)
+
+
 @pytest.mark.parametrize("text", ["nan", "inf"])
 def test_a_number_that_is_none_is_refused_as_text_too(text: str) -> None:
     with pytest.raises(UsageError, match=r"^losses\.filmic_space\.mismatch: expected a finite number, got "):
