@@ -70,4 +70,5 @@ def transfer(inputs: Inputs, config: RunConfig, progress: Progress = silent, rec
         seconds=clock.seconds,
         alignment=job.alignment,
         floaters=job.floaters,
+        header=job.header,
     )

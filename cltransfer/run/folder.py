@@ -16,9 +16,12 @@ from typing import Any
 from .. import __version__
 from ..clips.clip import write_video
 from ..computer.packages import versions
+from ..computer.processor import processor
+from ..computer.revision import commit
 from ..computer.threads import default_count
 from ..config import to_yaml
 from ..config.options import RunConfig
+from ..driver.journal_header import PERSON, VIEW
 from ..export.lens import filmable
 from ..export.nerfstudio import write_camera_path
 from ..reading.depth_alignment import depth_network
@@ -51,6 +54,8 @@ from ..storage.run_files import (
 from .flags import run_flags
 from .inputs import Inputs
 from .result import Result
+
+CONTENTS = ("network of ", "files of ", "code of ")  # that are digests, in the header of a journal
 
 
 def default_folder(scene: str, reference: str) -> Path:
@@ -166,6 +171,8 @@ def _manifest(result: Result, inputs: Inputs, config: RunConfig, plugins: Sequen
     scene = result.scene
     about = {"name": scene.name, "sha256": scene.digest, "up": scene.up.tolist(), "harmonics": scene.harmonics}
     file = split_moment(inputs.scene)[0].suffix.lower() if isinstance(inputs.scene, str) else None
+    said = ("init", VIEW, "subject", PERSON, "networks run on")
+    header = {key: v for key, v in result.header.items() if key in said or key.startswith(CONTENTS)}
     return {
         "format": FORMAT,
         "version": 1,
@@ -174,10 +181,12 @@ def _manifest(result: Result, inputs: Inputs, config: RunConfig, plugins: Sequen
         "reference": reference,
         "packages": versions(),
         "python": platform.python_version(),
-        "machine": platform.machine(),
+        "machine": processor(),
+        "commit": commit(),
         "seed": config.seed,
         "threads": config.threads or default_count(),
         "plugins": list(plugins),
+        **header,
     }
 
 

@@ -77,6 +77,7 @@ class Job:
     starts: Starts  # in the scene without its floaters
     by_networks: bool  # whether networks read the result
     alignment: DepthAlignment | None  # of the depth network, where it was read off the scene
+    header: dict[str, Any]  # what its answers depend on
 
     @property
     def floaters(self) -> int:
@@ -121,9 +122,9 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     stage = _stage(config, parts, scene, reference, given.family)
     output = fitted_size(reference.features.size, config.output_side)
     check_result(len(reference), output)  # rather than after the search
+    held = {} if given.view is None else {VIEW: fingerprint(given.view)}
+    header = run_header(inputs, config, parts, search, scene, reference) | held
     if record is not None:
-        held = {} if given.view is None else {VIEW: fingerprint(given.view)}
-        header = run_header(inputs, config, parts, search, scene, reference) | held
         stage = replace(stage, journal=record.open(header))
     noise = noise_floor(stage.objective, reference.features, wanted, reference.times)
     schedule = make_schedule(config, search, stage.objective, wanted, noise)
@@ -146,7 +147,7 @@ def prepare(inputs: Inputs, config: RunConfig, clock: Clock, progress: Progress,
     clock.lap("initial view")
     return Job(
         config, parts, search, reference, wanted, stage, solid, schedule, noise, starting, starts,
-        given.by_networks, given.alignment,
+        given.by_networks, given.alignment, header,
     )  # fmt: skip
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from torch import Tensor
@@ -42,6 +43,7 @@ class Result:
         seconds: by step.
         alignment: of the depth network, where the scene told it.
         floaters: Gaussians that hang in the air by themselves; 0 where the config keeps them.
+        header: what it depends on, as the journal of the run is headed: contents of networks, files and code by name.
     """
 
     scene: Scene
@@ -62,6 +64,7 @@ class Result:
     seconds: dict[str, float]
     alignment: DepthAlignment | None = None
     floaters: int = 0
+    header: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def kept(self) -> Attempt:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 
 from cltransfer.config import load_config
 from cltransfer.errors import InputError, UsageError
+from cltransfer.registry.plugin_code import own_code
 from cltransfer.run.export import export_path
 from cltransfer.run.folder import command_again, default_folder, report_data, write_run
 from cltransfer.run.inputs import Inputs
@@ -27,6 +29,17 @@ def test_a_run_of_a_scene_that_is_named_by_where_it_lies_lies_in_outputs_too() -
         assert default_folder(scene, reference).parts[:-1] == ("outputs", "run", "run")
     folder = default_folder("builtin:plaza", "clips/walk.mp4#t=1,2")
     assert folder.parts[:-1] == ("outputs", "plaza", "walk")
+
+
+def test_a_manifest_tells_whose_code_and_files_a_run_was_made_by(tmp_path: Path) -> None:
+    inputs = Inputs("builtin:plaza", "builtin:static")
+    config = load_config(overrides=["preset=fast", "frames=1", "search_side=32", "output_side=48", "path=exact"])
+    result = transfer(inputs, config)
+    write_run(tmp_path / "run", replace(result, header={**result.header, "network of pose": "0a"}), inputs, config)
+    told = json.loads((tmp_path / "run" / MANIFEST).read_text())
+    assert (told["network of pose"], told["code of cltransfer"]) == ("0a", own_code())
+    assert (told["person"], told["init"]) == (result.scene.person_digest, "auto")
+    assert not [key for key in told if key.startswith("config.")]  # config.yaml holds those
 
 
 def test_of_several_rounds_the_one_that_is_kept_is_counted_from_one() -> None:
