@@ -94,6 +94,7 @@ def evaluate(
     passes = len(times) * (2 * plan.clip_passes + again * plan.person_known.passes)
     spent = {"network_passes": passes, "seconds": round(time.perf_counter() - start, 2)}
     notes = [*(f"reference: {flag}" for flag in (*flags, *read)), *(f"render: {flag}" for flag in (*drawn, *seen))]
+    notes += plan.notes
     notes += undefined(scores, objective.defined(features), features, shown)
     if own := own_steps(plan, objective.losses) if in_other_steps(*steps) else []:
         notes.append(f"{', '.join(own)}: {OWN_STEPS}")

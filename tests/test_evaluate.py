@@ -278,6 +278,7 @@ class SomeDepth:
     provides: tuple[str, ...] = ("depth",)
     family: str = "image"
     whole_clip: bool = True
+    note: str = ""
 
     def read_clip(self, found: Features, load: Callable[[int, int], Features]) -> Features:
         first = load(0, 1).require("image")
@@ -403,6 +404,15 @@ def test_what_one_round_had_to_do_without_helps_to_read_no_later_one(
         means.append(shown.scores.term("camera_movement").mean)  # type: ignore[union-attr]
     assert means[0] > 0.0
     assert means[1:] == [0.0, 0.0]
+
+
+def test_what_an_extractor_says_of_itself_is_told(tmp_path: Path, with_depth: RunConfig) -> None:
+    clip = str(images(tmp_path / "a", 255 - pan().float().mul(0.4).byte()))
+    noted = replace(with_depth, extractors={**with_depth.extractors, "some_depth": {"note": "is a guess"}})
+    told = [{flag.reason for flag in evaluate(clip, clip, config).flags} for config in (with_depth, noted)]
+    assert told[1] - told[0] == {"some_depth: is a guess"}
+    parts = Components.build(noted)
+    assert "some_depth: is a guess" in read_reference(clip, parts, Reading(4, 64, "scene")).flags
 
 
 def test_two_clips_of_which_nothing_can_be_measured_have_no_total(tmp_path: Path, with_depth: RunConfig) -> None:

@@ -107,6 +107,13 @@ class DepthOnnx:
         return replace(now, depth=depth.to(image.device))
 
     @property
+    def note(self) -> str:
+        """What a reader of its depth should know; empty where that is nothing."""
+        if self.kind != "disparity" or self.align != "raw":
+            return ""
+        return "the shift of its disparity is taken for 0, and filmic space depends on it (align: shift, docs/score.md)"
+
+    @property
     def unaligned(self) -> bool:
         """Whether a shift is to be taken out that is not known yet."""
         return self.align != "raw" and self.affine is None

@@ -106,6 +106,12 @@ class Plan:
         return sum(step.passes for step in self.steps)
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """What extractors say themselves of what they read, as their ``note``."""
+        told = ((step.name, getattr(step.extractor, "note", "")) for step in self.steps)
+        return tuple(f"{name}: {note}" for name, note in told if note)
+
+    @property
     def detector(self) -> Step | None:
         """The extractor that sees all persons, None where there is none."""
         return next((step for step in self.steps if hasattr(step.extractor, "persons")), None)

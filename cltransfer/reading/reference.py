@@ -178,7 +178,7 @@ def _from_clip(source: str, parts: Components, frames: int | None, progress: Pro
         if file.size <= LIMIT and file.lasts:  # others are read anew by every run
             with into_cache(cached, "the next run reads the clip anew"):
                 file.save(cached)
-    flags = (*flags, *read)
+    flags = (*flags, *read, *plan.notes)
     name = asked_for.path.stem
     return Reference(features, clip.times, clip.image, name, digest, "image", plan.missing, flags)
 
@@ -257,7 +257,8 @@ def _from_scene(source: str, parts: Components, reading: Reading, progress: Prog
         for start in range(0, len(path), CHUNK):
             load(start, start + CHUNK)
             progress(task, min(start + CHUNK, len(path)), len(path))
-        features, flags = read_renders(image, path.camera, scene.subject, plan, path.times, progress)
+        features, read = read_renders(image, path.camera, scene.subject, plan, path.times, progress)
+        flags = (*read, *plan.notes)
     else:
         features = run_clip(plan, load, len(path), progress, task)
     told = [scene.digest, scene.harmonics, scene.person_digest, path.to_json(), *filter(None, [scene.code])]

@@ -204,3 +204,9 @@ def test_an_alignment_of_what_has_no_shift_is_refused():
         DepthOnnx(model="net.onnx", kind="depth", mean=(123.7, 116.3, 103.5), std=(58.4, 57.1, 57.4))
     with pytest.raises(ValueError, match="affine must rise with the disparity"):
         DepthOnnx(model="net.onnx", kind="disparity", align="metric", affine=(0.0, 1.0))
+
+
+def test_a_shift_that_is_taken_for_none_is_noted():
+    notes = [DepthOnnx("a.onnx", kind, align=align).note for kind, align in (("disparity", "raw"), ("depth", "raw"))]
+    assert notes[0].startswith("the shift of its disparity is taken for 0")
+    assert [notes[1], DepthOnnx("a.onnx", "disparity", align="shift").note] == ["", ""]
