@@ -25,6 +25,7 @@ from .correct import LEAST, Bias, corrected, measure_bias
 from .left_out import LeftOut
 from .preparation import Clock, Job
 from .readback import Readback, read_back
+from .scene_end import SCENE_ENDS, shows_end
 from .search_path import search_path
 from .take import FrameDone, Take
 
@@ -201,4 +202,5 @@ def _counting(progress: Progress, step: str, count: int) -> FrameDone:
 def _doubtful(stage: Stage, seen: Features | None, reference: Features) -> dict[str, Tensor]:
     if stage.guard is None or seen is None:
         return {}
-    return replace(stage.guard, hidden=min(stage.guard.hidden, TOLD)).reasons(seen, reference)
+    told = replace(stage.guard, hidden=min(stage.guard.hidden, TOLD)).reasons(seen, reference)
+    return {**told, SCENE_ENDS: shows_end(seen, stage.scene.up)}
