@@ -7,6 +7,7 @@ import time
 
 from torch import Tensor
 
+from .along_clip import places
 from .clips.kept_clip import kept_clip
 from .clips.pairs import open_pairs
 from .clips.source import ClipSource
@@ -21,7 +22,9 @@ from .pipeline.scores import Scores, score
 from .progress import Progress, silent
 from .reading.frames import check_maps, read_alike, read_frames, require_person
 from .reading.in_time import in_other_steps, in_time, own_steps
+from .reading.noise import noise_floor, noise_note
 from .reading.scene_source import split_scene
+from .reading.tracks import cleaned
 from .registry.declared import BUILTIN
 from .report.data import Flag, ReportData
 
@@ -92,9 +95,13 @@ def evaluate(
     objective = parts.objective
     scores = score(objective, features, shown, plan.missing)
     passes = len(times) * (2 * plan.clip_passes + again * plan.person_known.passes)
-    spent = {"network_passes": passes, "seconds": round(time.perf_counter() - start, 2)}
+    steady = cleaned(features, config.clean, places(both.original), both.original)
+    noise = noise_floor(objective, features, steady, both.original)
+    seconds = time.perf_counter() - start
+    spent = {"network_passes": passes, "noise floor": round(noise, 4), "seconds": round(seconds, 2)}
     notes = [*(f"reference: {flag}" for flag in (*flags, *read)), *(f"render: {flag}" for flag in (*drawn, *seen))]
     notes += plan.notes
+    notes.append(noise_note(noise))
     notes += undefined(scores, objective.defined(features), features, shown)
     if own := own_steps(plan, objective.losses) if in_other_steps(*steps) else []:
         notes.append(f"{', '.join(own)}: {OWN_STEPS}")

@@ -18,6 +18,7 @@ from ..losses.filmic_space import counted
 from ..losses.shot_size import ShotSize, degenerate
 from ..near_plane import cut_note
 from ..reading.frames import hidden
+from ..reading.noise import noise_note
 from ..reading.tracks import leaps, turned_back
 from ..reading.zoom import lens_range
 from ..registry import SEARCHES
@@ -52,7 +53,7 @@ def _of_the_run(result: Result) -> Iterator[Flag]:
     if result.alignment is not None:
         yield Flag(None, f"depth network: {result.alignment}")
     weight = weight_note(result.objective.losses, result.reference.features.size[0])
-    for note in (result.schedule.note, result.note, weight):
+    for note in (noise_note(result.noise), result.schedule.note, result.note, weight):
         if note:
             yield Flag(None, note)
     yield from _poor(result)

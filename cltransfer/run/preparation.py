@@ -7,9 +7,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-import torch
-from torch import Tensor
-
 from ..along_clip import check_span, check_times, places
 from ..camera import Camera, fitted_size, resized
 from ..clips.part import CUT, HINT
@@ -27,13 +24,12 @@ from ..driver.starts import Starting, Starts
 from ..errors import UsageError
 from ..features import Features
 from ..pipeline.components import Components
-from ..pipeline.objective import Objective
 from ..pipeline.plan import Family
-from ..pipeline.scores import frame_totals
 from ..progress import Progress
 from ..reading.depth_alignment import DepthAlignment, align_parts, load_network, needs_scene
+from ..reading.noise import noise_floor
 from ..reading.reference import Reading, Reference, as_read, read_reference, times_field
-from ..reading.tracks import cleaned, righted
+from ..reading.tracks import cleaned
 from ..registry.plugin_code import own_code
 from ..scenes import Scene
 from ..scenes.floaters import without_floaters
@@ -229,15 +225,3 @@ def _stage(config: RunConfig, parts: Components, scene: Scene, reference: Refere
     small = fitted_size(reference.features.size, config.search_side)
     recent = Recent.of(len(reference), small)
     return Stage(scene, parts.renderer, plan, objective, small, guard=guard, recent=recent)
-
-
-def noise_floor(objective: Objective, read: Features, wanted: Features, times: Tensor | None = None) -> float:
-    """Total that the networks' jitter makes up: the reference as it was read against itself filtered.
-
-    0 where it was not filtered. Nothing below it can be told apart. A frame read back to front is an error, no jitter,
-    as a first or last one that leaps away is, and one that shows nothing tells none.
-    """
-    at = None if times is None else places(times)
-    terms = objective.terms(read if wanted is read else righted(read, times, at), wanted)
-    defined = torch.isfinite(terms) & objective.defined(read)
-    return float(frame_totals(objective, terms, defined).nanmean().nan_to_num(0.0))
