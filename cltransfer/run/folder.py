@@ -196,10 +196,16 @@ def summary_values(folder: Path, report: ReportData) -> dict[str, Any]:
 
 
 def summary_lines(folder: Path, report: ReportData) -> str:
-    """The table of metrics, the flags of the whole run, and where everything is."""
+    """The table of metrics, the flags of the whole run, where everything is, and what goes on from there."""
     lines = [report.title, "", metrics_table(report), ""]
     lines += [f"note: {note}" for note in report.findings]
     for path in (folder / name for name in (BESIDE, VIDEO, STRIP, TRAJECTORY, CAMERA_PATH, REPORT)):
         if path.is_file():
             lines.append(f"{path.name:<18} {told_from_here(path)}")
+    run = shlex.quote(told_from_here(folder))
+    lines += [
+        "",
+        f"next: cltransfer render {run} --fps 24 --out film.mp4",
+        f"      cltransfer export {run} --out shot.py",
+    ]
     return "\n".join(lines)

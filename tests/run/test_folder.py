@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,7 @@ from cltransfer.config import load_config
 from cltransfer.errors import InputError, UsageError
 from cltransfer.registry.plugin_code import own_code
 from cltransfer.run.export import export_path
-from cltransfer.run.folder import command_again, default_folder, report_data, write_run
+from cltransfer.run.folder import command_again, default_folder, report_data, summary_lines, write_run
 from cltransfer.run.inputs import Inputs
 from cltransfer.storage.run_files import CAMERA_PATH, CONFIG, DONE, MANIFEST, VIDEO
 from cltransfer.transfer import transfer
@@ -31,15 +32,19 @@ def test_a_run_of_a_scene_that_is_named_by_where_it_lies_lies_in_outputs_too() -
     assert folder.parts[:-1] == ("outputs", "plaza", "walk")
 
 
-def test_a_manifest_tells_whose_code_and_files_a_run_was_made_by(tmp_path: Path) -> None:
+def test_a_manifest_tells_by_what_a_run_was_made_and_a_last_line_what_goes_on_from_there(tmp_path: Path) -> None:
     inputs = Inputs("builtin:plaza", "builtin:static")
     config = load_config(overrides=["preset=fast", "frames=1", "search_side=32", "output_side=48", "path=exact"])
     result = transfer(inputs, config)
-    write_run(tmp_path / "run", replace(result, header={**result.header, "network of pose": "0a"}), inputs, config)
+    headed = replace(result, header={**result.header, "network of pose": "0a"})
+    report = write_run(tmp_path / "run", headed, inputs, config)
     told = json.loads((tmp_path / "run" / MANIFEST).read_text())
     assert (told["network of pose"], told["code of cltransfer"]) == ("0a", own_code())
     assert (told["person"], told["init"]) == (result.scene.person_digest, "auto")
     assert not [key for key in told if key.startswith("config.")]  # config.yaml holds those
+    commands = [line.partition("cltransfer ")[2] for line in summary_lines(tmp_path / "run", report).splitlines()[-2:]]
+    run = shlex.quote(os.path.relpath(tmp_path / "run"))
+    assert commands == [f"render {run} --fps 24 --out film.mp4", f"export {run} --out shot.py"]
 
 
 def test_of_several_rounds_the_one_that_is_kept_is_counted_from_one() -> None:
