@@ -25,6 +25,7 @@ from ..registry import SEARCHES
 from ..report.data import Flag
 from ..search import limits
 from .lean import lean_note
+from .scene_end import SCENE_ENDS
 
 if TYPE_CHECKING:
     from .result import Result
@@ -62,6 +63,7 @@ def _of_the_run(result: Result) -> Iterator[Flag]:
         yield Flag(None, lean)
     yield from _floaters(result)
     yield from _near(result)
+    yield from _scene_end(result)
     yield from _lens(result)
     person = result.scene.subject
     if person is not None and hasattr(result.search, "unit_note") and (told := result.search.unit_note(person)):
@@ -151,6 +153,13 @@ def _near(result: Result) -> Iterator[Flag]:
         yield Flag(None, note)
 
 
+def _scene_end(result: Result) -> Iterator[Flag]:
+    """In how many frames the scene ends; of the whole run, as a scan of a person alone ends in each of its views."""
+    ends = result.kept.doubtful.get(SCENE_ENDS)
+    if ends is not None and bool(ends.any()):
+        yield Flag(None, f"{SCENE_ENDS}, in {int(ends.sum())} of {len(ends)} frames")
+
+
 def _lens(result: Result) -> Iterator[Flag]:
     """Whether the lens of the result goes where that of the reference stands."""
     focal, reference = result.trajectory.camera.focal, result.reference
@@ -202,6 +211,8 @@ def _undefined(result: Result) -> Iterator[Flag]:
 
 def _views(result: Result) -> Iterator[Flag]:
     for reason, frames in result.kept.doubtful.items():
+        if reason == SCENE_ENDS:  # of the whole run
+            continue
         for i in frames.nonzero()[:, 0].tolist():
             yield Flag(i, reason)
 

@@ -12,7 +12,7 @@ from ..features import Features
 
 DOWN = math.radians(10)  # below the horizon; up to there a ground that ends far away may leave nothing
 BARE = 0.05  # of the frame
-SCENE_ENDS = "the scene ends here: part of the frame looks down into nothing"
+SCENE_ENDS = "the scene ends within the frame: part of it looks down into nothing"
 
 
 def shows_end(seen: Features, up: Tensor) -> Tensor:

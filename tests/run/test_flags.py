@@ -21,6 +21,7 @@ from cltransfer.pipeline.objective import Objective
 from cltransfer.registry import RENDERERS
 from cltransfer.renderers.gaussian_splats import GaussianSplats
 from cltransfer.run.flags import run_flags
+from cltransfer.run.scene_end import SCENE_ENDS
 from cltransfer.scenes.floaters import floaters
 from cltransfer.scenes.load import load_scene
 from cltransfer.scenes.person.lifted import load_person
@@ -205,6 +206,12 @@ def test_what_is_doubtful_in_a_frame_is_told_of_that_frame_alone(
     after = [(flag.frame, flag.reason) for flag in run_flags(change(plain))]
     assert all(frame is None for frame, _ in before)
     assert after == [*before, (1, reason)]
+
+
+def test_where_the_scene_ends_is_told_once_of_all_frames(plain: Result) -> None:
+    ends = kept(plain, doubtful={**plain.kept.doubtful, SCENE_ENDS: torch.tensor([False, True])})
+    told = [flag for flag in run_flags(ends) if SCENE_ENDS in flag.reason]
+    assert [(flag.frame, flag.reason) for flag in told] == [(None, f"{SCENE_ENDS}, in 1 of 2 frames")]
 
 
 def test_a_free_axis_whose_length_means_nothing_leaves_no_camera_undetermined(
