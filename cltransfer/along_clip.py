@@ -17,6 +17,8 @@ SHORTEST, ROUNDED = 1e-6, 5e-7  # [s] between two frames at least; by which it m
 LONGEST = 1e6  # [s] from the first frame to the last, as an mp4 holds with a clock of milliseconds
 LATEST = 1e10  # [s] of any time: what is counted from 1970 lies below, and milliseconds can be told apart
 MEDIAN = 5  # frames
+BLOCK = 1024  # frames that are filtered together
+REACH = 9.0  # standard deviations of the filter: what is farther counts for less than numbers tell
 EVEN = 1e-3  # of the usual spacing, by which evenly spaced frames may differ
 WIDEST = 4.0  # times the usual spacing that a pause counts as at most, and its part that a burst does at least
 
@@ -82,16 +84,27 @@ def along(x: Tensor, frames: float, at: Tensor | None = None) -> Tensor:
     Its frames stand ``at`` (N,), see :func:`places`, or are evenly spaced.
     """
     index = counted(len(x), at).to(x.dtype)
-    weight = torch.exp(-0.5 * ((index[:, None] - index[None]) / frames) ** 2)  # (N, N)
-    there = torch.isfinite(x)
+    parts = []
+    for first in range(0, len(x), BLOCK):  # all frames of a long clip against all would take its length squared
+        block = index[first : first + BLOCK]
+        low, high = torch.searchsorted(index, torch.stack([block[0] - REACH * frames, block[-1] + REACH * frames]))
+        near = slice(0, len(x)) if len(x) <= BLOCK else slice(int(low), int(high))
+        parts.append(_line(x[first : first + BLOCK], block, x[near], index[near], frames))
+    return torch.cat(parts) if parts else x
+
+
+def _line(x: Tensor, at: Tensor, near: Tensor, near_at: Tensor, frames: float) -> Tensor:
+    """:func:`along` of frames x (N, D) by those ``near`` them (M, D), which stand at (M,)."""
+    offset = near_at[None] - at[:, None]  # (N, M)
+    weight = torch.exp(-0.5 * (offset / frames) ** 2)
+    there = torch.isfinite(near)
     # a line is fitted under the window, so that a steady motion and its ends stay what they are
-    offset = index[None] - index[:, None]
-    filled = torch.where(there, x, 0.0)
+    filled = torch.where(there, near, 0.0)
     s0, s1, s2 = (torch.einsum("nm,md->nd", weight * offset**k, there.to(x)) for k in (0, 1, 2))
     t0, t1 = (torch.einsum("nm,md->nd", weight * offset**k, filled) for k in (0, 1))
     spread = s0 * s2 - s1**2
     line = (s2 * t0 - s1 * t1) / spread.clamp_min(1e-9)
-    return torch.where(there, torch.where(spread > 1e-6, line, t0 / s0.clamp_min(1e-9)), x)
+    return torch.where(torch.isfinite(x), torch.where(spread > 1e-6, line, t0 / s0.clamp_min(1e-9)), x)
 
 
 def runs(frames: Tensor) -> list[tuple[int, int]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 import torch
 
+from cltransfer import along_clip
 from cltransfer.along_clip import LATEST, LONGEST, WIDEST, along, check_span, check_times, counted, places
 from cltransfer.clips.thinned import evenly
 from cltransfer.errors import InputError
@@ -65,3 +66,16 @@ def test_the_filter_keeps_a_line_to_its_ends_and_lowers_noise() -> None:
     torch.testing.assert_close(along(line, 1.5), line)
     noise = 0.1 * torch.randn(30, 1, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     assert float((along(line + noise, 1.5) - line).std()) < 0.6 * float(noise.std())
+
+
+@pytest.mark.parametrize("even", [True, False])
+def test_a_long_clip_is_filtered_in_parts_as_a_short_one_is(even: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    generator = torch.Generator().manual_seed(0)
+    x = torch.randn(200, 3, generator=generator, dtype=torch.float64).cumsum(0)
+    x[::7, 1] = torch.nan
+    at = None if even else torch.rand(200, generator=generator, dtype=torch.float64).add(0.2).cumsum(0)
+    whole = along(x, 1.5, at)
+    monkeypatch.setattr(along_clip, "BLOCK", 64)
+    torch.testing.assert_close(along(x, 1.5, at), whole, rtol=0, atol=1e-12, equal_nan=True)
+    monkeypatch.undo()
+    assert along(torch.zeros(100_000, 1), 1.0).shape == (100_000, 1)  # all against all would take 40 GB
