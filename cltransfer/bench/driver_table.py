@@ -30,12 +30,13 @@ def summary(clips: Sequence[Clip]) -> list[list[str]]:
     for preset, target in dict.fromkeys((c.preset, c.target) for c in clips):
         mine = [c for c in clips if (c.preset, c.target) == (preset, target)]
         pairs = met(preset, target, clips)
+        held = [(c.total, rival.total) for c, rival in pairs] if pairs and comparable(preset) else []
         totals = [c.total for c in mine]
         posed = [c for c in mine if not math.isnan(c.position + c.rotation + c.focal)]
         poses = [[c.position for c in posed], [c.rotation for c in posed], [100 * abs(c.focal) for c in posed]]
         rows.append(
             [preset, target, str(len(mine)), f"{fmean(totals):.3f}", f"{median(totals):.3f}", f"{max(totals):.3f}"]
-            + against([(c.total, rival.total) for c, rival in pairs if comparable(preset)])
+            + against(held)
             + [_mean([c.judged for c in mine])]
             + against([(c.judged, rival.judged) for c, rival in pairs])
             + [f"{fmean(c.evaluations for c in mine):.1f}"]

@@ -82,6 +82,7 @@ def by_shot(clips: Sequence[Clip]) -> tuple[list[str], list[list[str]]]:
     """
     presets = [name for name in dict.fromkeys(clip.preset for clip in clips) if name != PAPER]
     pairs = {name: met(name, "cross", clips) for name in presets}
+    same = {name: comparable(name) for name in presets}
     header = ["shot", "clips of the paper's", "their mean"]
     for name in presets:
         header += [f"{name}: at or below", "share of paper's mean", "judged at or below", "evaluations a frame"]
@@ -91,14 +92,18 @@ def by_shot(clips: Sequence[Clip]) -> tuple[list[str], list[list[str]]]:
         rivals = [clip.total for clip in theirs.values() if shot in (None, clip.shot)]
         row = [shot or "all", str(len(rivals)), f"{math.fsum(rivals) / len(rivals):.3f}" if rivals else ""]
         for name in presets:
-            row += _held([pair for pair in pairs[name] if shot in (None, pair[0].shot)], interval=shot is None)
+            shown = [pair for pair in pairs[name] if shot in (None, pair[0].shot)]
+            row += _held(shown, same[name], interval=shot is None)
         rows.append(row)
     return header, rows
 
 
-def _held(pairs: Sequence[Pair], interval: bool) -> list[str]:
-    """At or below, share, judged at or below and evaluations, of clips of ours and the paper's."""
-    share = [(c.total, p.total) for c, p in pairs if comparable(c.preset)]
+def _held(pairs: Sequence[Pair], same: bool, interval: bool) -> list[str]:
+    """At or below, share, judged at or below and evaluations, of clips of ours and the paper's.
+
+    Totals are held against each other where they are of the ``same`` losses.
+    """
+    share = [(c.total, p.total) for c, p in pairs] if same else []
     judged = [(c.judged, p.judged) for c, p in pairs]
     (beaten, part), (seen, _) = against(share), against(judged)
     if interval:

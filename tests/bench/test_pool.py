@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from cltransfer.bench.driver import Clip
 from cltransfer.bench.driver_chart import COLUMNS, write_driver_chart
-from cltransfer.bench.pool import by_shot, read_clips, read_together
+from cltransfer.bench.pool import by_shot, read_clips, read_together, report_lines
 from cltransfer.bench.pool_chart import draw
 from cltransfer.errors import InputError
 
@@ -116,3 +116,18 @@ def test_a_total_that_is_drawn_higher_than_it_is_is_told() -> None:
     assert [ax.get_title().partition(" (")[2] for ax in figure.axes] == ["below 0.001 at 0.001)", ""]
     assert figure.axes[0].collections[0].get_offsets().tolist() == [[1.0, 0.001]]
     assert figure.axes[0].get_ylim()[0] < 0.001
+
+
+def test_losses_are_built_once_a_preset_and_not_for_each_clip(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clips of ninety seeds took minutes."""
+    asked: list[str] = []
+
+    def told(preset: str) -> bool:
+        asked.append(preset)
+        return True
+
+    for module in ("pool", "driver_table"):
+        monkeypatch.setattr(f"cltransfer.bench.{module}.comparable", told)
+    clips = [replace(CLIP, preset=preset, seed=seed) for preset in ("fast", "paper") for seed in range(20)]
+    report_lines(clips)
+    assert asked == ["fast", "fast"]  # of either table
