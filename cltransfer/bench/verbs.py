@@ -118,7 +118,7 @@ def bench_driver(
         list[str] | None,
         typer.Argument(
             metavar="seeds=FIRST:LAST",
-            help="Where the shots stand; seeds=500:520 are published, those to 689 were seen, 0 is the default.",
+            help="Where the shots stand; seeds=500:520 are published, those to 691 were seen, 0 is the default.",
         ),
     ] = None,
     seed: Annotated[list[int] | None, typer.Option(min=0, help="A single seed (repeatable).")] = None,

@@ -66,7 +66,8 @@ class Attempt:
         cameras: N, of the path taken, at the output size.
         path: its order; None where every frame was left as it was found.
         shown: its frames, in the scene as it was given, read and scored.
-        doubtful: views that a search must not take, and in which things hide part of the person, (N,) bool by reason.
+        doubtful: views that a search must not take, in which things hide part of the person, or that show where the
+            scene ends, (N,) bool by reason.
         left_out: what the search did not see, None where it saw everything.
         cuts: frames before which the camera jumps and the reference's does not.
     """
