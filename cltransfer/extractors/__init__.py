@@ -30,6 +30,7 @@ class Extractor(Protocol):
     #     a detector that provides more reads the person in the ``box`` that ``now`` then has, and leaves it
     #   doubts_boxes: True if it gives NaN of a box in which nobody is: where all that read a ``box`` do, frames in
     #     which the detector loses the person have one that is guessed, with score 0
+    #   note: what a reader of what it tells should know, a text; empty where that is nothing
     #   network: what it runs, a cached_property, looked at before any frame is read so that it is loaded by then
     #   whole_clip: True if it reads whole clips only, as `evaluate` does: a search, which looks at single renders,
     #     refuses it where no scene extractor provides the same. It then has, instead of __call__,

@@ -11,6 +11,8 @@ from ..pipeline.objective import Objective
 from ..pipeline.scores import frame_totals
 from .tracks import righted
 
+TOLD = 0.01  # of a total, that nobody sees: less is not told, as what rounding leaves of a reference that stands
+
 
 def noise_floor(objective: Objective, read: Features, wanted: Features, times: Tensor | None = None) -> float:
     """Total that the networks' jitter makes up: the reference as it was read against itself filtered.
@@ -25,6 +27,6 @@ def noise_floor(objective: Objective, read: Features, wanted: Features, times: T
 
 
 def noise_note(noise: float) -> str:
-    """What a reader should know of a total whose reference jitters by ``noise``; empty where it does not."""
+    """What a reader should know of a total whose reference jitters by ``noise``; empty below :data:`TOLD`."""
     told = "of the total is how the reference, as networks read it, jitters: what differs by less is not told apart"
-    return f"up to {noise:.2g} {told}" if noise > 0 else ""
+    return f"up to {noise:.2g} {told}" if noise >= TOLD else ""

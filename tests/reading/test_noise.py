@@ -53,4 +53,4 @@ def test_a_first_angle_that_is_misread_is_an_error_and_no_noise() -> None:
 
 def test_a_reader_is_told_of_what_jitters_alone() -> None:
     assert noise_note(0.2587).startswith("up to 0.26 of the total is how the reference")
-    assert noise_note(0.0) == ""
+    assert noise_note(0.0) == noise_note(3e-9) == ""
