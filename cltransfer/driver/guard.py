@@ -82,6 +82,10 @@ def _filled(reference: Features | None) -> Tensor:
     """Frames of the reference that what is before the person fills, or hides them, (R, 1) bool; none where untold."""
     if reference is None:
         return torch.zeros(1, 1, dtype=torch.bool)
+    return reference.once("filled by what is before the person", lambda: _filled_frames(reference))
+
+
+def _filled_frames(reference: Features) -> Tensor:
     filled = torch.zeros(len(reference), 1, dtype=torch.bool)
     if reference.has("layers"):
         filled |= reference.require("layers")[:, :1].flatten(1).double().mean(1, keepdim=True) > CLOSE

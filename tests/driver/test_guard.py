@@ -9,6 +9,7 @@ import torch
 
 from cltransfer.camera import Camera, concatenate
 from cltransfer.config import load_config
+from cltransfer.driver import guard
 from cltransfer.driver.follow import follow
 from cltransfer.driver.guard import READ, Guard, hidden_share
 from cltransfer.driver.schedule import make_schedule
@@ -317,3 +318,23 @@ def test_beyond_the_head_and_the_feet_there_is_no_more_body_to_stand_in(end: str
     camera = Camera.look_at(eye[None], eye[None] + person.facing, person.up, 0.7, (W, H))
     seen = Features((W, H), depth=torch.full((1, H, W), 9.0), camera=camera, person=person)
     assert bool(Guard(person.height).reasons(seen)["the camera stands inside the person"]) == within
+
+
+def test_how_far_a_reference_is_filled_is_measured_once_for_all_views(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its layers may be far larger than a candidate's view, and thousands of those are held against it."""
+    measured = list[Features]()
+    usual = guard._filled_frames
+
+    def measure(seen: Features) -> torch.Tensor:
+        measured.append(seen)
+        return usual(seen)
+
+    monkeypatch.setattr(guard, "_filled_frames", measure)
+    now, reference = view(), view()
+    layers = torch.zeros(1, 3, H, W, dtype=torch.bool)
+    reference = replace(reference, layers=layers)
+    told = [Guard(1.7).reasons(now, reference) for _ in range(3)]
+    assert len(measured) == 1
+    assert told[0].keys() == told[2].keys()
+    layers[:] = True  # torch tells of it, so it is another reference
+    assert bool(guard._filled(reference).all())
