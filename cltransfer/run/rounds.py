@@ -103,12 +103,15 @@ def attempts(job: Job, clock: Clock, progress: Progress) -> tuple[list[Attempt],
     by, stage = job, replace(job.stage, scene=job.solid)
     target, starts, reference, made = job.wanted, job.starts, job.reference, list[Attempt]()
     before: Round | None = None
+    aimed: Take | None = None
     none = off = torch.zeros(len(job.reference), dtype=torch.float64)
     lost_in, note = -1, why_none
     for number in range(rounds + 1):
         step = f"frames, round {number + 1}" if rounds else "frames"
         report = _counting(progress, step, len(job.reference))
-        take = search_path(by, stage, target, starts, report)
+        if aimed is not None:
+            progress(f"{step}: the path of the round before", 0, 0)
+        take = search_path(by, stage, target, starts, report, aimed)
         clock.lap("search")
         shown = read_back(job.stage, job.parts, reference, take.cameras, job.by_networks, progress)
         reference = shown.reference  # what one round had to do without no later one has
@@ -123,7 +126,7 @@ def attempts(job: Job, clock: Clock, progress: Progress) -> tuple[list[Attempt],
         if before is None and _lost_behind_things(job, now):
             before, lost_in = now, number
             by, note = _watchful(job), f"no correction: {UNHIDDEN}"
-            stage, target = replace(by.stage, scene=job.solid), job.wanted
+            stage, target, aimed = replace(by.stage, scene=job.solid), job.wanted, None
             starts, off = _starts(by, stage), none
             continue
         if before is not None and by is not job and best_of(made) <= lost_in:  # of no use
@@ -135,7 +138,7 @@ def attempts(job: Job, clock: Clock, progress: Progress) -> tuple[list[Attempt],
             return made, UNSEEN
         if not bias.known:
             return made, f"no {'further ' if number else ''}{UNBIASED}"
-        stage, first, note = now.take.clip.stage, now.take.cameras[0], ""
+        aimed, stage, first, note = now.take, now.take.clip.stage, now.take.cameras[0], ""
         homes = first if job.config.warm_start else concatenate([first, job.starts.homes])
         target, starts = corrected(job.wanted, bias), Starts(homes, _guide(now, first, bias))
         off = bias.angles[:, 1]

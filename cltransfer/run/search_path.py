@@ -16,7 +16,7 @@ from ..driver.whole_clip import WholeClip, views
 from ..features import Features
 from .left_out import LeftOut
 from .preparation import Job
-from .take import FrameDone, Take, searched
+from .take import FrameDone, Take, led_on, searched
 
 SEEN = 0.05  # total that floaters have to cost before anything is done about them
 AMONG = 1  # rounds of refining a path among floaters that cost something, of a preset that refines at all
@@ -25,7 +25,9 @@ STANDS = 0.25  # total above which a path that stands is tried nearby: a step of
 STEP, STEP_FLOOR = 2.0, 1.5  # times the median, and at least so much, that one costs for which it goes: a loss jumps
 
 
-def search_path(job: Job, stage: Stage, target: Features, starts: Starts, report: FrameDone) -> Take:
+def search_path(
+    job: Job, stage: Stage, target: Features, starts: Starts, report: FrameDone, before: Take | None = None
+) -> Take:
     """Find a path in the scene of ``stage``, and what becomes of it among the floaters that this may lack.
 
     Args:
@@ -34,8 +36,10 @@ def search_path(job: Job, stage: Stage, target: Features, starts: Starts, report
         target: what the losses are to meet, N frames.
         starts: where to begin.
         report: called after each frame.
+        before: what the round before found, whose path is led on to ``target`` where that is enough; None searches.
     """
-    take = searched(job, stage, target, starts, report)
+    take = None if before is None else led_on(job, stage, target, starts, before)
+    take = searched(job, stage, target, starts, report) if take is None else take
     if stage.scene is job.stage.scene:
         return _nearby(job, _past_steps(job, take))
     kept = _nearby(job, _with_floaters(job, take, report))

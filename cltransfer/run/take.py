@@ -12,7 +12,7 @@ from ..driver.closed_form import Guide
 from ..driver.follow import Path, follow
 from ..driver.frame import Solved
 from ..driver.joint import Effort
-from ..driver.path_order import LeastPath, cuts, least_path
+from ..driver.path_order import LeastPath, cuts, least_path, refined
 from ..driver.schedule import Schedule
 from ..driver.second_guide import second_guide
 from ..driver.stage import Stage
@@ -105,6 +105,26 @@ def searched(job: Job, stage: Stage, target: Features, starts: Starts, report: F
             return lean
     second = follow(among, starts.homes, schedule, report, guide)
     return taken(_better(first, second)) if poor else min(lean, taken(second), key=lambda take: take.total)
+
+
+def led_on(job: Job, stage: Stage, target: Features, starts: Starts, before: Take) -> Take | None:
+    """The path that was taken ``before``, moved as a whole to where ``target`` has it now; None where it asks for more.
+
+    Networks are biased steadily along a clip, so that aiming off asks for a smooth move, which no frame has to be
+    searched for. What costs clearly more than before is searched anew, and so is what no path was refined for.
+    """
+    path, effort = before.path, Effort(job.config.joint, job.config.joint_steps)
+    if path is None or path.residuals is None or starts.guide is None or not (effort.rounds and job.config.warm_start):
+        return None
+    if path.knots is None and not path.filtered:  # frames as they were found shake, and as a whole they would not
+        return None
+    clip = WholeClip(stage, job.search, target, starts.homes[0], job.starting.at)
+    x, about = starts.guide.x, None if path.about is None else before.clip.about(clip.home, path.about)
+    total, residuals = clip.scored(x)
+    moved = refined(clip, replace(path, x=x, about=about, total=total, free=total, residuals=residuals), effort)
+    if moved.total > path.total + path.floor:
+        return None
+    return Take(clip, before.found, moved, starts.guide)
 
 
 def _least(job: Job, clip: WholeClip, found: Path, guide: Tensor | None) -> LeastPath:

@@ -58,6 +58,8 @@ class Given:
     stage: Stage
     homes: Camera
     lower: tuple[float, float]
+    before: Take | None
+    found: Take
 
     @property
     def watchful(self) -> bool:
@@ -92,14 +94,18 @@ def rounds_of(job: Job, readings: list[Reading], monkeypatch: pytest.MonkeyPatch
     keypoints, pitch = seen.require("keypoints").clone(), job.wanted.require("orientation")[:, 1]
     keypoints[LOST, :5, 2] = 0.0  # behind something
 
-    def search_path(by: Job, stage: Stage, target: Features, starts: Starts, report: Any) -> Take:
+    def search_path(
+        by: Job, stage: Stage, target: Features, starts: Starts, report: Any, before: Take | None = None
+    ) -> Take:
         guide = starts.guide
         assert guide is not None
         lower = (pitch - target.require("orientation")[:, 1], first.pitch - guide.pitch)
-        given.append(Given(by, stage, starts.homes, (float(lower[0].mean()), float(lower[1].mean()))))
         clip = WholeClip(stage, by.search, target, starts.homes[0], by.starting.at)
         found: Any = SimpleNamespace(x=first.x, camera=clip.cameras(first.x))
-        return Take(clip, found, None, guide)
+        take = Take(clip, found, None, guide)
+        lowered = (float(lower[0].mean()), float(lower[1].mean()))
+        given.append(Given(by, stage, starts.homes, lowered, before, take))
+        return take
 
     def read_back(stage: Stage, parts: Any, reference: Any, *rest: Any) -> Any:
         reading = next(left)
@@ -123,6 +129,7 @@ def test_each_round_is_aimed_off_the_bias_of_the_one_before_alone(
         assert one.lower == pytest.approx((off, off))
         assert one.by is read_by_networks
         assert not one.watchful
+    assert [one.before for one in given] == [None, *(one.found for one in given[:-1])]
 
 
 @pytest.mark.parametrize(("total", "of_use"), [(0.5, True), (1.0, False), (1.5, False)])
@@ -134,6 +141,8 @@ def test_a_watchful_round_starts_from_the_reference_and_is_gone_on_from_where_it
     for one, off in zip(given, [0.0, 0.05, 0.0, 0.02 if of_use else 0.03], strict=True):
         assert one.lower == pytest.approx((off, off))
     assert [one.watchful for one in given] == [False, False, True, of_use]
+    first, second, third, _ = (one.found for one in given)
+    assert [one.before for one in given] == [None, first, None, third if of_use else second]
 
 
 def test_a_watchful_round_looks_for_a_view_where_a_frame_costs_a_quarter_of_what_none_costs(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import pytest
 import torch
@@ -15,10 +16,11 @@ from cltransfer.driver.second_guide import second_guide
 from cltransfer.driver.stage import Stage
 from cltransfer.driver.starts import Starts
 from cltransfer.driver.whole_clip import WholeClip
+from cltransfer.features import Features
 from cltransfer.progress import silent
 from cltransfer.run.inputs import Inputs
 from cltransfer.run.preparation import Clock, Job, prepare
-from cltransfer.run.take import _followed_again, searched
+from cltransfer.run.take import Take, _followed_again, led_on, searched
 
 
 def quiet(frame: int, solved: Solved) -> None:
@@ -121,3 +123,68 @@ def test_how_well_a_clip_was_followed_leanly_is_told_by_the_frames_that_show_som
         heard.clear()
         searched(replace(job, schedule=schedule), stage, target, job.starts, lambda frame, _: heard.append(frame))
         assert len(heard) == times * len(target)
+
+
+BIAS = 0.02  # [frame heights] and [rad] that networks read too low and too high, steadily
+
+
+@pytest.fixture(scope="module")
+def first() -> tuple[Job, Take]:
+    """A push in that shakes as if networks had read it, and what a first round found for it."""
+    config = load_config(overrides=["preset=fast", "frames=6", "search_side=96", "output_side=96", "threads=1"])
+    job = replace(prepare(Inputs("builtin:courtyard", "builtin:push_in"), config, Clock(), silent, None), noise=0.1)
+    return job, searched(job, replace(job.stage, scene=job.solid), job.wanted, job.starts, quiet)
+
+
+def aimed_off(job: Job, take: Take, joints: torch.Tensor) -> tuple[Features, Starts]:
+    """The target with ``joints``, (N,) or less, in frame heights, taken off, and where the second round starts."""
+    keypoints = job.wanted.require("keypoints").clone()
+    keypoints[..., 1] -= (joints * job.wanted.size[1])[:, None]
+    orientation = job.wanted.require("orientation") - torch.tensor([0.0, BIAS, 0.0])
+    target = job.wanted.having("keypoints", keypoints).having("orientation", orientation)
+    assert take.guide is not None
+    return target, Starts(take.cameras[0], replace(take.guide, x=take.x))
+
+
+def test_a_steady_bias_is_aimed_off_by_the_path_as_a_whole(first: tuple[Job, Take]) -> None:
+    """Within what counts as the same, by fewer than half of the evaluations, and no frame is searched."""
+    job, take = first
+    target, starts = aimed_off(job, take, torch.full((len(job.wanted),), BIAS))
+    spent, cost = job.stage.spent, list[int]()
+    before = spent.evaluations
+    led = led_on(job, take.clip.stage, target, starts, take)
+    cost.append(spent.evaluations - before)
+    anew = searched(job, take.clip.stage, target, starts, quiet)
+    cost.append(spent.evaluations - before - cost[0])
+    assert led is not None
+    assert led.path is not None
+    assert led.path.total <= anew.total + led.path.floor
+    assert led.path.total < led.path.free - led.path.floor, "as it was it would have missed the target"
+    assert cost[0] < 0.5 * cost[1]
+    assert led.found is take.found
+
+
+def test_what_no_path_as_a_whole_meets_is_searched_anew(first: tuple[Job, Take]) -> None:
+    job, take = first
+    shakes = 0.2 * torch.tensor([1.0, -1.0] * (len(job.wanted) // 2))
+    assert led_on(job, take.clip.stage, *aimed_off(job, take, shakes), take) is None
+
+
+@pytest.mark.parametrize("asked", [{"joint": 0}, {"warm_start": False}], ids=str)
+def test_a_path_is_led_on_only_where_paths_are_refined_and_frames_start_from_others(
+    asked: dict[str, Any], first: tuple[Job, Take]
+) -> None:
+    job, take = first
+    target, starts = aimed_off(job, take, torch.zeros(len(job.wanted)))
+    assert led_on(job, take.clip.stage, target, starts, take) is not None
+    other = replace(job, config=replace(job.config, **asked))
+    assert led_on(other, take.clip.stage, target, starts, take) is None
+
+
+@pytest.mark.parametrize("changed", [None, {"knots": None, "filtered": 0.0}, {"residuals": None}], ids=str)
+def test_frames_as_they_were_found_are_not_led_on(changed: dict[str, Any] | None, first: tuple[Job, Take]) -> None:
+    job, take = first
+    target, starts = aimed_off(job, take, torch.zeros(len(job.wanted)))
+    assert take.path is not None
+    path = None if changed is None else replace(take.path, **changed)
+    assert led_on(job, take.clip.stage, target, starts, replace(take, path=path)) is None
