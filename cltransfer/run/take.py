@@ -111,12 +111,13 @@ def led_on(job: Job, stage: Stage, target: Features, starts: Starts, before: Tak
     """The path that was taken ``before``, moved as a whole to where ``target`` has it now; None where it asks for more.
 
     Networks are biased steadily along a clip, so that aiming off asks for a smooth move, which no frame has to be
-    searched for. What costs clearly more than before is searched anew, and so is what no path was refined for.
+    searched for. What costs clearly more than before is searched anew, and so are frames as they were found, which
+    shake, and a path that is static or linear, which may be so only because the networks' noise hides that it bends.
     """
     path, effort = before.path, Effort(job.config.joint, job.config.joint_steps)
     if path is None or path.residuals is None or starts.guide is None or not (effort.rounds and job.config.warm_start):
         return None
-    if path.knots is None and not path.filtered:  # frames as they were found shake, and as a whole they would not
+    if path.steady or (path.knots is None and not path.filtered):
         return None
     clip = WholeClip(stage, job.search, target, starts.homes[0], job.starting.at)
     x, about = starts.guide.x, None if path.about is None else before.clip.about(clip.home, path.about)

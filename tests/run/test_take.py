@@ -181,8 +181,12 @@ def test_a_path_is_led_on_only_where_paths_are_refined_and_frames_start_from_oth
     assert led_on(other, take.clip.stage, target, starts, take) is None
 
 
-@pytest.mark.parametrize("changed", [None, {"knots": None, "filtered": 0.0}, {"residuals": None}], ids=str)
-def test_frames_as_they_were_found_are_not_led_on(changed: dict[str, Any] | None, first: tuple[Job, Take]) -> None:
+@pytest.mark.parametrize(
+    "changed", [None, {"knots": None, "filtered": 0.0}, {"knots": 1}, {"knots": 2}, {"residuals": None}], ids=str
+)
+def test_neither_frames_as_they_were_found_nor_a_steady_path_is_led_on(
+    changed: dict[str, Any] | None, first: tuple[Job, Take]
+) -> None:
     job, take = first
     target, starts = aimed_off(job, take, torch.zeros(len(job.wanted)))
     assert take.path is not None
