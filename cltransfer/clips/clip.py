@@ -11,6 +11,7 @@ from pathlib import Path
 import av
 import numpy as np
 import torch
+from av.video.reformatter import Colorspace, VideoReformatter
 from torch import Tensor
 
 from ..along_clip import LONGEST
@@ -19,7 +20,8 @@ from ..errors import ResourceError
 from ..features import Features
 from ..storage.files import atomic
 from ..trajectory import Trajectory
-from .decoding import Frame, decode
+from .decoding import decode
+from .frame import Frame
 from .image_folder import FOLDER_RATE, folder_times
 from .part import ClipPart, files_of, find_part, images_of
 from .thinned import evenly
@@ -179,16 +181,18 @@ def _encode(path: Path, image: Tensor, pts: Tensor, time_base: Fraction, comment
         if not lossless:
             stream.options = {"crf": "18", "x264-params": "mbtree=0"}  # with it bits differ from run to run
             codec.colorspace = codec.color_primaries = codec.color_trc = 1  # BT.709
+        converter = VideoReformatter()
         for rgb, stamp in zip(image, pts.tolist()):
-            frame = _video_frame(rgb, stream.pix_fmt)
+            frame = _video_frame(rgb, stream.pix_fmt, converter)
             frame.pts, frame.time_base = stamp, time_base
             container.mux(stream.encode(frame))
         container.mux(stream.encode())
 
 
-def _video_frame(rgb: Tensor, pix_fmt: str) -> av.VideoFrame:
+def _video_frame(rgb: Tensor, pix_fmt: str, converter: VideoReformatter) -> av.VideoFrame:
     pixels = rgb.permute(1, 2, 0).contiguous().numpy()
     if pix_fmt == "bgr0":
-        return av.VideoFrame.from_ndarray(pixels, format="rgb24").reformat(format="bgr0")
+        return converter.reformat(av.VideoFrame.from_ndarray(pixels, format="rgb24"), format="bgr0")
     pixels = np.pad(pixels, ((0, pixels.shape[0] % 2), (0, pixels.shape[1] % 2), (0, 0)), mode="edge")
-    return av.VideoFrame.from_ndarray(pixels, format="rgb24").reformat(format="yuv420p", dst_colorspace="ITU709")
+    frame = av.VideoFrame.from_ndarray(pixels, format="rgb24")
+    return converter.reformat(frame, format="yuv420p", dst_colorspace=Colorspace.ITU709)

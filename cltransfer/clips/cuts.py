@@ -225,7 +225,7 @@ def small_pictures(
     times, small = array("d"), bytearray()
     for time, frame in timed_frames(path, fps, trajectory):
         times.append(time)
-        small += frame.raw.reformat(*SIZE, format="rgb24", interpolation="AREA").to_ndarray().tobytes()
+        small += frame.small(SIZE).tobytes()
     return np.array(times), np.frombuffer(small, np.uint8).reshape(-1, SIZE[1], SIZE[0], 3)
 
 

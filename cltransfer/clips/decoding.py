@@ -8,23 +8,19 @@ import os
 import shlex
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import av
-import cv2
-import numpy as np
 from av.container import InputContainer
 from av.stream import Disposition
-from av.video.reformatter import Colorspace
+from av.video.reformatter import VideoReformatter
 from av.video.stream import VideoStream
 
 from ..computer.threads import thread_count
 from ..errors import InputError
 from ..registry.declared import SCENE_SUFFIXES
-from .alpha import has_alpha
-from .alpha import over_black as laid_over_black
+from .frame import Frame
 from .frame_notes import notes_on
 from .image_header import exif_orientation, states_aspect, stored_size
 from .jpeg_end import jpeg_ends
@@ -34,8 +30,6 @@ from .streams import STREAM_LIMIT, stamped_by_coding, streams_to_open
 PIXEL_LIMIT = 4096 * 2160  # of a video's frame: what cinemas and many cameras call 4K
 STILL_LIMIT = 64_000_000  # of an image file: 9504x6336; while one is read 0.3 GB, with alpha up to 1.2 GB
 WIDENED = 4  # times as many that a video's frame is shown with at most: lenses of films squeeze by two
-UNSAID = 2  # colour matrix of a file that does not tell it, as FFmpeg counts them
-HD = 720  # rows from which on a video that does not say is of BT.709, and not of BT.601
 SCAN_LIMIT = 200_000  # frames of a file that are looked at, over two hours at 24 fps
 IMAGE_BYTE_LIMIT = 2**28
 CODED = 64  # rows and columns that a coded frame may have beyond those that are shown
@@ -58,49 +52,6 @@ _PROBED = ",".join(sorted(name for name in av.codecs_available if "png" not in n
 """Codecs of which frames are decoded to open a video; those of PNGs have all their chunks yet."""
 
 
-@dataclass(frozen=True)
-class Frame:
-    """One decoded frame; its pixels are converted only when asked for.
-
-    Args:
-        raw: as decoded, before rotation.
-        size: (W, H) as shown, upright and with square pixels.
-        time: presentation time in the file [s].
-        turns: quarter turns to the left that bring it upright.
-        mirrored: whether its rows are shown in reverse order before it is turned.
-        notes: what a reader should know of how it comes out.
-    """
-
-    raw: av.VideoFrame
-    size: tuple[int, int]
-    time: float
-    turns: int
-    mirrored: bool
-    notes: tuple[str, ...] = ()
-
-    def rgb(self, size: tuple[int, int], over_black: bool = False) -> np.ndarray:
-        """Upright RGB at ``size`` (W, H), (H, W, 3) uint8; area averages where it is smaller.
-
-        What is transparent shows the colour that lies under it, or black where ``over_black``.
-        """
-        laid = over_black and has_alpha(self.raw)
-        pixels = laid_over_black(self._decoded("rgba")) if laid else self._decoded("rgb24")
-        upright = np.rot90(pixels[::-1] if self.mirrored else pixels, self.turns)
-        if upright.shape[1::-1] == size:
-            return np.ascontiguousarray(upright)
-        return cv2.resize(np.ascontiguousarray(upright), size, interpolation=cv2.INTER_AREA)
-
-    def _decoded(self, kind: str) -> np.ndarray:
-        """Pixels as decoded; a video that does not say by which matrix has that of its height, as players take it.
-
-        A JPEG always says: its decoder has it of BT.601.
-        """
-        unsaid = self.raw.colorspace == UNSAID and not self.raw.format.is_rgb
-        if unsaid and self.raw.height >= HD and not self.raw.format.name.startswith("gray"):
-            return self.raw.to_ndarray(format=kind, src_colorspace=Colorspace.ITU709)
-        return self.raw.to_ndarray(format=kind)
-
-
 def decode(path: Path, exif: bool = True) -> Iterator[Frame]:
     """Frames of ``path`` in order of presentation; without ``exif`` an image is upright as it is stored.
 
@@ -109,7 +60,7 @@ def decode(path: Path, exif: bool = True) -> Iterator[Frame]:
             exceeds a limit, has times that do not increase, or holds other than what its header says.
     """
     with _opened(path) as (container, stream):
-        count, end, before, stamps = 0, 0.0, None, list[int]()
+        count, end, before, stamps, converter = 0, 0.0, None, list[int](), VideoReformatter()
         by_coding = stamped_by_coding(container, stream)
         for packet in container.demux():
             if packet.pts is not None:
@@ -119,7 +70,7 @@ def decode(path: Path, exif: bool = True) -> Iterator[Frame]:
             stamps += [packet.pts] if by_coding and packet.pts is not None else []
             for raw in stream.decode(_drawn_packet(packet, stream)):
                 raw.pts = stamps.pop(0) if stamps else raw.pts
-                frame = _checked(path, count, raw, stream, exif)
+                frame = _checked(path, count, raw, stream, exif, converter)
                 if before is not None and (frame.size != before.size or frame.time <= before.time):
                     what = "size" if frame.size != before.size else "time"
                     now, then = getattr(frame, what), getattr(before, what)
@@ -233,7 +184,9 @@ def _check_size(path: Path, field: str, size: tuple[int, int], times: int = 1) -
         raise InputError(path, field, limit, "make it smaller")
 
 
-def _checked(path: Path, index: int, raw: av.VideoFrame, stream: VideoStream, exif: bool) -> Frame:
+def _checked(
+    path: Path, index: int, raw: av.VideoFrame, stream: VideoStream, exif: bool, converter: VideoReformatter
+) -> Frame:
     field = f"frame {index}"
     if index >= SCAN_LIMIT:
         raise InputError(path, "frames", f"expected at most {SCAN_LIMIT}, got more", "cut the clip")
@@ -246,7 +199,7 @@ def _checked(path: Path, index: int, raw: av.VideoFrame, stream: VideoStream, ex
     upright = size if turns % 2 == 0 else size[::-1]
     _check_size(path, field, (raw.width, raw.height))
     _check_size(path, field, upright, 1 if _is_image(path) else WIDENED)
-    return Frame(raw, upright, raw.time, turns, mirrored, tuple(notes_on(raw, stream)))
+    return Frame(raw, upright, raw.time, turns, mirrored, converter, tuple(notes_on(raw, stream)))
 
 
 def _aspect(path: Path, stream: VideoStream) -> float:

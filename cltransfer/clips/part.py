@@ -16,7 +16,8 @@ from ..computer.memory import require_free
 from ..errors import InputError, UsageError
 from ..trajectory import Trajectory
 from .alpha import TRANSPARENT, is_transparent
-from .decoding import Frame, decode
+from .decoding import decode
+from .frame import Frame
 from .image_folder import folder_times, image_files
 
 FRAME_LIMIT = 2000  # frames kept in memory

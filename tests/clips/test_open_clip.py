@@ -15,7 +15,7 @@ from torch import Tensor
 from cltransfer.clips import part as parts
 from cltransfer.clips.clip import read_clip, write_video
 from cltransfer.clips.cuts import find_shots, small_pictures
-from cltransfer.clips.decoding import Frame
+from cltransfer.clips.frame import Frame
 from cltransfer.clips.letterbox import find_letterbox
 from cltransfer.clips.open_clip import ASSUMED, open_clip
 from cltransfer.clips.pairs import open_pairs

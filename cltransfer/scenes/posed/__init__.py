@@ -15,7 +15,8 @@ import torch
 from torch import Tensor
 
 from ...camera import Camera, fitted_size
-from ...clips.decoding import IMAGE_SUFFIXES, Frame, decode
+from ...clips.decoding import IMAGE_SUFFIXES, decode
+from ...clips.frame import Frame
 from ...computer.array_type import Array
 from ...computer.memory import require_free
 from ...errors import InputError, UsageError

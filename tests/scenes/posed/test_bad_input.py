@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from cltransfer.clips.decoding import Frame
+from cltransfer.clips.frame import Frame
 from cltransfer.computer import memory
 from cltransfer.errors import InputError, ResourceError
 from cltransfer.scenes.posed import colmap_text, read_posed
