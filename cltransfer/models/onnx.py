@@ -7,6 +7,7 @@ import hashlib
 import os
 import shlex
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from onnxruntime import InferenceSession
 
 BYTE_LIMIT = 2 * 2**30
+SMALL = 2**24  # bytes of a network of which several rows run at once; what they take together stays bounded
 VARIABLE = "CLTRANSFER_NETWORKS"
 CUDA, CPU = "CUDAExecutionProvider", "CPUExecutionProvider"
 _ARENA = "BFCArena"  # names whose limit it was, in onnxruntime's errors
@@ -102,7 +104,7 @@ class Network:
         """
         batch = len(next(iter(feeds.values())))
         step = batch if self._any_batch else 1
-        parts = [self._run({n: v[i : i + step] for n, v in feeds.items()}) for i in range(0, batch, step)]
+        parts = self._side_by_side([{n: v[i : i + step] for n, v in feeds.items()} for i in range(0, batch, step)])
         outputs = {name: joined(self.path, name, [part[name] for part in parts]) for name in self.outputs}
         for name, value in outputs.items():
             if differs(self.outputs[name], value.shape):
@@ -114,8 +116,17 @@ class Network:
                 raise ModelError(self.path, f"output {name}", "is not finite")
         return outputs
 
+    def _side_by_side(self, feeds: list[dict[str, np.ndarray]]) -> list[dict[str, np.ndarray]]:
+        """What :meth:`_run` gives for each; a small network fills no two threads, so several run at once."""
+        small = self._loaded[3] and self.session.get_providers()[0] == CPU
+        at_once = min(thread_count(), len(feeds)) if small else 1
+        if at_once < 2:
+            return [self._run(part) for part in feeds]
+        with ThreadPoolExecutor(at_once) as pool:
+            return list(pool.map(self._run, feeds))
+
     def _run(self, feeds: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        session, given, taken = self._loaded
+        session, given, taken, _ = self._loaded
         fed = {given[name].name: given[name].fed(value) for name, value in feeds.items()}
         try:
             got = session.run([port.name for port in taken.values()], fed)
@@ -143,11 +154,13 @@ class Network:
         return self._loaded[0]
 
     @cached_property
-    def _loaded(self) -> tuple[InferenceSession, dict[str, Port], dict[str, Port]]:
-        """The session, and where it has the inputs and outputs."""
-        session = _opened(self.path, *self._read())
+    def _loaded(self) -> tuple[InferenceSession, dict[str, Port], dict[str, Port], bool]:
+        """The session, where it has the inputs and outputs, and whether the file is :data:`SMALL`."""
+        data, known = self._read()
+        session = _opened(self.path, data, known)
         given = ports(self.path, "input", self.inputs, session.get_inputs(), self.by_shape)
-        return session, given, ports(self.path, "output", self.outputs, session.get_outputs(), self.by_shape)
+        taken = ports(self.path, "output", self.outputs, session.get_outputs(), self.by_shape)
+        return session, given, taken, len(data) <= SMALL
 
     def _read(self) -> tuple[bytes, bool]:
         """What the file holds, and whether the catalogue knows that."""

@@ -3,6 +3,7 @@ import os
 import pickle
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from cltransfer.errors import ModelError, ResourceError, UsageError
+from cltransfer.models import onnx as onnx_networks
 from cltransfer.models.catalogue import catalogue
 from cltransfer.models.interface import joined
 from cltransfer.models.onnx import Network, _failure, providers
@@ -59,6 +61,28 @@ def refused(net, field, match):
 def test_runs_batches_whether_the_batch_is_free_or_one(tmp_path, batch):
     got = network(graph(tmp_path / "a.onnx", batch=batch))({"x": values()})
     np.testing.assert_array_equal(got["y"], np.maximum(values(), 0) + 2)
+
+
+@pytest.mark.parametrize(("small", "threads", "at_once"), [(True, 2, 2), (True, 1, 1), (False, 2, 1)])
+def test_rows_of_a_small_network_run_side_by_side_and_keep_their_order(tmp_path, monkeypatch, small, threads, at_once):
+    monkeypatch.setattr(onnx_networks, "thread_count", lambda: threads)
+    monkeypatch.setattr(onnx_networks, "SMALL", onnx_networks.SMALL if small else 0)
+    usual, running, most, lock = Network._run, [], [], threading.Lock()
+
+    def run(self, feeds):
+        with lock:
+            running.append(feeds)
+            most.append(len(running))
+        time.sleep(0.02)  # the others begin meanwhile
+        got = usual(self, feeds)
+        with lock:
+            running.pop()
+        return got
+
+    monkeypatch.setattr(Network, "_run", run)
+    got = network(graph(tmp_path / "a.onnx", batch=1))({"x": values(12)})
+    np.testing.assert_array_equal(got["y"], np.maximum(values(12), 0) + 2)
+    assert max(most) == at_once
 
 
 def test_a_network_that_has_run_goes_to_another_process_and_is_copied(tmp_path):
