@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import cv2
@@ -11,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from ..computer.threads import thread_count
 from ..features import Features
 from ._flow_check import round_trip_confidence
 from ._pixels import to_uint8
@@ -25,7 +28,7 @@ def with_flow(now: Features, before: Features | None, pair_flow: PairFlow, heigh
     Args:
         now: B frames with their image.
         before: the frame before each, or one that all share.
-        pair_flow: the method.
+        pair_flow: the method; as many pairs at once as there are threads, since it does not fill them by itself.
         height: rows it works at [px]; a frame with fewer keeps its own.
         check: compute the flow the other way round too, and compare.
     """
@@ -35,13 +38,17 @@ def with_flow(now: Features, before: Features | None, pair_flow: PairFlow, heigh
     confidence = torch.full((count, rows, columns), torch.nan)
     if before is not None:
         then = before.require("image").expand(count, -1, -1, -1)
-        for i, (new, old) in enumerate(zip(_grey(image, height), _grey(then, height))):  # one call takes one pair
+
+        def look(i: int, new: NDArray, old: NDArray) -> None:
             backward = _planes(pair_flow(new, old))
             scale = torch.tensor([now.size[0] / new.shape[1], now.size[1] / new.shape[0]])[:, None, None]
             flow[i] = _resized(backward * scale, rows, columns)
             if check:
                 trust = round_trip_confidence(backward[None], _planes(pair_flow(old, new))[None])
                 confidence[i] = _resized(trust, rows, columns)[0]
+
+        with ThreadPoolExecutor(min(thread_count(), count)) as pool:
+            deque(pool.map(look, range(count), _grey(image, height), _grey(then, height)), maxlen=0)
     found = replace(now, flow=flow.to(image.device))
     return replace(found, flow_confidence=confidence.to(image.device)) if check else found
 

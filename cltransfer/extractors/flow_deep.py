@@ -40,9 +40,9 @@ class FlowDeep:
 
     def __call__(self, now: Features, before: Features | None) -> Features:
         """``now`` with ``flow`` and, where checked, its confidence; NaN without a frame before."""
-        method = cv2.optflow.createOptFlow_DeepFlow()
 
         def pair_flow(first: NDArray, second: NDArray) -> NDArray:
+            method = cv2.optflow.createOptFlow_DeepFlow()  # one holds a pair
             return method.calc(first, second, None)  # type: ignore[call-overload]  # None: no first guess
 
         return with_flow(now, before, pair_flow, self.height, self.check)

@@ -47,11 +47,10 @@ class FlowDis:
 
     def __call__(self, now: Features, before: Features | None) -> Features:
         """``now`` with ``flow`` and, where checked, its confidence; NaN without a frame before."""
-        search = cv2.DISOpticalFlow.create(PRESETS[self.preset])
-        finest = search.getFinestScale()
 
         def pair_flow(first: NDArray, second: NDArray) -> NDArray:
-            search.setFinestScale(min(finest, _coarsest(first.shape, search.getPatchSize())))
+            search = cv2.DISOpticalFlow.create(PRESETS[self.preset])  # one holds a pair
+            search.setFinestScale(min(search.getFinestScale(), _coarsest(first.shape, search.getPatchSize())))
             return search.calc(first, second, None)  # type: ignore[call-overload]  # None: no first guess
 
         return with_flow(now, before, pair_flow, self.height, self.check)

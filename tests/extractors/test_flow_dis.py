@@ -1,3 +1,5 @@
+import threading
+
 import cv2
 import numpy as np
 import pytest
@@ -83,6 +85,19 @@ def test_frames_are_looked_at_at_the_working_height_and_never_grown(height, seen
 
     with_flow(features(texture()), features(texture()), pair_flow, height, False)
     assert shapes == [(seen, seen)]
+
+
+def test_pairs_are_looked_at_side_by_side_and_keep_their_order(monkeypatch):
+    monkeypatch.setattr("cltransfer.extractors._dense_flow.thread_count", lambda: 2)
+    both = threading.Barrier(2, timeout=20)
+
+    def pair_flow(first, second):
+        both.wait()  # for the other pair
+        return np.full((*first.shape, 2), first.mean(), np.float32)
+
+    now = torch.cat([texture() * share for share in (1.0, 0.75, 0.5, 0.25)])
+    flow = with_flow(features(now), features(texture()), pair_flow, 120, False).flow
+    assert flow[:, 0, 0, 0].diff().lt(0).all()
 
 
 def test_a_frame_without_one_before_is_nan():
