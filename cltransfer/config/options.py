@@ -17,7 +17,7 @@ SECTIONS: dict[str, Registry[Any]] = {
     "losses": LOSSES,
     "search": SEARCHES,
 }
-MOST_CORRECTIONS = 20  # each is a search of its own
+MOST_CORRECTIONS = 20  # each may be a search of its own
 
 
 @dataclass
@@ -27,8 +27,9 @@ class ExtractConfig:
     Args:
         inner: inside the search, geometric (scene extractors) or image (networks).
         verify: read the result of a clip's transfer with the networks that read the clip.
-        corrections: rounds of a new search, in which the networks' bias as measured on the result is aimed off, or no
-            view is taken in which things hide many joints, where the networks lost the person behind some.
+        corrections: rounds in which the networks' bias as measured on the result is aimed off: the path is moved as a
+            whole, or searched anew where that does not do; or in which no view is taken in which things hide many
+            joints, where the networks lost the person behind some.
         bias: robust (steady along the clip) or frame (every frame's own difference, noise and all).
     """
 
