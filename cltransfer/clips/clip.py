@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -19,11 +18,9 @@ from ..computer.threads import thread_count
 from ..errors import ResourceError
 from ..features import Features
 from ..storage.files import atomic
-from ..trajectory import Trajectory
 from .decoding import decode
-from .frame import Frame
-from .image_folder import FOLDER_RATE, folder_times
-from .part import ClipPart, files_of, find_part, images_of
+from .image_folder import FOLDER_RATE
+from .part import ClipPart, find_part
 from .thinned import evenly
 
 FINE = 1e4  # [s] that an mp4 lasts at most by 90 kHz: it holds 2^31 ticks, and B-frames take twice the span of all
@@ -98,26 +95,6 @@ def clip_of(part: ClipPart, kept: Tensor, max_side: int = 960) -> Clip:
     image, notes = part.images(kept.tolist(), max_side)
     times = part.times[kept]
     return Clip(image, times - times[0], part.path, float(times[0]), notes)
-
-
-def timed_frames(path: Path, fps: float | None = None, trajectory: Path | None = None) -> Iterator[tuple[float, Frame]]:
-    """Every frame of a video, or of an image folder that may need ``fps``, with its time after the first [s].
-
-    The ``trajectory`` of a run tells when those of its video are shown.
-    """
-    files = files_of(path, fps)
-    if files:
-        times = folder_times(path, files, fps)
-        yield from zip((times - times[0]).tolist(), images_of(files))
-        return
-    if trajectory is not None:
-        told = Trajectory.load(trajectory).times
-        yield from zip((told - told[0]).tolist(), decode(path))
-        return
-    first = None
-    for frame in decode(path):
-        first = frame.time if first is None else first
-        yield frame.time - first, frame
 
 
 def write_video(path: str | Path, image: Tensor, times: Tensor, lossless: bool = False, comment: str = "") -> None:

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import shlex
-from array import array
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from ..errors import InputError
-from .clip import timed_frames
 from .letterbox import BLACK, MOST
-from .part import within
+from .part import ClipPart
 from .source import ClipSource
 
-SIZE = (32, 18)  # of the small pictures that are compared [px]
 BINS = 8  # of each colour's histogram
 DIFFERENT = 0.45  # one minus correlation of two small pictures, in [0, 2]
 RECOLORED = 0.08  # part of the pixels that changed their bin
@@ -164,8 +160,8 @@ def _repeats(change: np.ndarray) -> np.ndarray:
     return repeats
 
 
-def check_one_shot(where: ClipSource) -> tuple[str, ...]:
-    """Refuse a clip with a cut in the part of it that is read.
+def check_one_shot(where: ClipSource, part: ClipPart) -> tuple[str, ...]:
+    """Refuse a clip with a cut in the ``part`` of it that ``where`` names.
 
     Where frames are missing in between, a shot may well go on with something else, so that is no cut.
 
@@ -175,20 +171,17 @@ def check_one_shot(where: ClipSource) -> tuple[str, ...]:
     Raises:
         InputError: there is one; the line says where and how to take one shot of the clip.
     """
-    times, small = small_pictures(where.path, where.fps, where.trajectory)
-    inside = within(times, where.span)
-    if len(inside) == 0:
-        return ()
-    shots, notes = _without_gaps([(int(inside[a]), int(inside[b])) for a, b in find_shots(small[inside])], times)
+    times = part.times.numpy()
+    shots, notes = _without_gaps(find_shots(part.small()), times)
     if len(shots) < 2:
         return notes
     cut = shots[1][0]
     more = f" and {len(shots) - 2} more" if len(shots) > 2 else ""
     reason = f"a cut at {times[cut]:.3f} s{more}; a reference is one shot"
     spans = [(float(times[a]), float(times[b])) for a, b in shots[:2] if b > a]
-    named = [_part(where, float(times[inside[0]]), span).named for span in spans]
+    named = [_part(where, float(times[0]), span).named for span in spans]
     hint = f"take one: {' or '.join(map(shlex.quote, named))}; no cut? #cuts=keep" if named else "no cut? #cuts=keep"
-    raise InputError(where.path, f"frame {cut}", reason, hint)
+    raise InputError(where.path, f"frame {int(part.index[cut])}", reason, hint)
 
 
 def _without_gaps(shots: list[tuple[int, int]], times: np.ndarray) -> tuple[list[tuple[int, int]], tuple[str, ...]]:
@@ -216,17 +209,6 @@ def _part(where: ClipSource, first: float, span: tuple[float, float]) -> ClipSou
         later = first + moment - span[0]  # counted from the shot's beginning
         person = (x, y, max(0.0, later)) if -_ROUNDED < later < span[1] - span[0] + _ROUNDED else None
     return replace(where, span=span, person=person)
-
-
-def small_pictures(
-    path: Path, fps: float | None = None, trajectory: Path | None = None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Times (F,) [s] and small pictures (F, h, w, 3) uint8 of every frame; see :func:`.clip.timed_frames`."""
-    times, small = array("d"), bytearray()
-    for time, frame in timed_frames(path, fps, trajectory):
-        times.append(time)
-        small += frame.small(SIZE).tobytes()
-    return np.array(times), np.frombuffer(small, np.uint8).reshape(-1, SIZE[1], SIZE[0], 3)
 
 
 def _changes(before: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -13,6 +13,7 @@ from .alpha import has_alpha
 from .alpha import over_black as laid_over_black
 
 UNSAID = 2  # colour matrix of a file that does not tell it, as FFmpeg counts them
+SMALL = (32, 18)  # (w, h) of the small pictures by which frames are compared [px]
 HD = 720  # rows from which on a video that does not say is of BT.709, and not of BT.601
 
 
@@ -60,6 +61,6 @@ class Frame:
             return self.converter.reformat(self.raw, format=kind, src_colorspace=Colorspace.ITU709).to_ndarray()
         return self.converter.reformat(self.raw, format=kind).to_ndarray()
 
-    def small(self, size: tuple[int, int]) -> np.ndarray:
-        """RGB at ``size`` (W, H) as decoded, before rotation, (H, W, 3) uint8: to compare frames of a file."""
-        return self.converter.reformat(self.raw, *size, format="rgb24", interpolation="AREA").to_ndarray()
+    def small(self) -> np.ndarray:
+        """RGB of size :data:`SMALL` as decoded, before rotation, (h, w, 3) uint8: to compare frames of a file."""
+        return self.converter.reformat(self.raw, *SMALL, format="rgb24", interpolation="AREA").to_ndarray()

@@ -36,7 +36,7 @@ def open_clip(where: ClipSource, frames: int | None = None) -> tuple[Clip, tuple
 def open_part(where: ClipSource, part: ClipPart, kept: Tensor) -> tuple[Clip, tuple[str, ...]]:
     """The frames of ``part`` that are ``kept``, (K,) int64, as ``where`` asks for them; see :func:`open_clip`."""
     clip = clip_of(part, kept)
-    gaps = check_one_shot(where) if where.cuts != "keep" else ()
+    gaps = check_one_shot(where, part) if where.cuts != "keep" else ()
     flags = (*gaps, *([ASSUMED] if rate_assumed(where) else []), *_sparse(clip), *clip.notes)
     if where.letterbox == "keep":
         return clip, flags

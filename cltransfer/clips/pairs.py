@@ -59,7 +59,8 @@ def open_pairs(asked: ClipSource, found: ClipSource, frames: int | None) -> tupl
     thin = evenly(starts[1][second], frames)
     first, second = first[thin], second[thin]
     original.check_kept(len(first))  # before every frame is looked at for cuts
-    gaps = check_one_shot(asked) if asked.cuts != "keep" else ()  # here, so that it advises what was asked for
+    # here, so that it advises what was asked for
+    gaps = check_one_shot(asked, original) if asked.cuts != "keep" else ()
     whole = replace(asked, letterbox="keep", cuts="keep")
     (reference, flags), (render, drawn) = open_part(whole, original, first), open_part(drawn_as, shown, second)
     if asked.letterbox != "keep":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -17,7 +18,7 @@ from ..errors import InputError, UsageError
 from ..trajectory import Trajectory
 from .alpha import TRANSPARENT, is_transparent
 from .decoding import decode
-from .frame import Frame
+from .frame import SMALL, Frame
 from .image_folder import folder_times, image_files
 
 FRAME_LIMIT = 2000  # frames kept in memory
@@ -36,12 +37,22 @@ class ClipPart:
         files: the images of a folder that they are, (N,); empty for a video.
         index: number of each in the file, (N,) int64.
         times: when each is shown after the first frame of the file, (N,) float64 [s], increasing.
+        glanced: small pictures of a video's, taken when their times were, (N, h, w, 3) uint8; None of a folder.
     """
 
     path: Path
     files: tuple[Path, ...]
     index: Tensor  # (N,)
     times: Tensor  # (N,) [s]
+    glanced: np.ndarray | None = None
+
+    def small(self) -> np.ndarray:
+        """Small pictures of all of them, (N, h, w, 3) uint8; see :meth:`.Frame.small`.
+
+        Raises:
+            InputError: an image of a folder is damaged or of another size.
+        """
+        return _glances(images_of(list(self.files))) if self.glanced is None else self.glanced
 
     def check_kept(self, count: int) -> None:
         """Refuse to keep ``count`` frames if they are too many.
@@ -85,26 +96,47 @@ def find_part(path: Path, span: tuple[float, float], fps: float | None, trajecto
         UsageError: ``fps`` is given for a clip that has times of its own.
     """
     files = files_of(path, fps)
-    times = folder_times(path, files, fps) if files else _video_times(path, trajectory)
+    times, small = (folder_times(path, files, fps), None) if files else _looked_through(path, trajectory)
     times = times - times[0]
     inside = within(times, span)
     if len(inside) == 0:
         when = f"between {span[0]:g} and {span[1]:g} s" if span[1] < math.inf else f"from {span[0]:g} s on"
         raise InputError(path, "t", f"no frame {when}: the clip ends at {times[-1]:.3f} s")
     shown = tuple(files[i] for i in inside) if files else ()
-    return ClipPart(path, shown, torch.from_numpy(inside), torch.from_numpy(times[inside]))
+    glanced = None if small is None else small[inside]
+    return ClipPart(path, shown, torch.from_numpy(inside), torch.from_numpy(times[inside]), glanced)
 
 
-def _video_times(path: Path, trajectory: Path | None) -> np.ndarray:
-    """When the frames of a video are shown, (N,) increasing [s], by the ``trajectory`` of its run if there is one."""
-    times = np.array([frame.time for frame in decode(path)])
+def _looked_through(path: Path, trajectory: Path | None) -> tuple[np.ndarray, np.ndarray]:
+    """When the frames of a video are shown, (N,) increasing [s], and small pictures of them, (N, h, w, 3) uint8.
+
+    A run's ``trajectory`` tells the times of its own video.
+    """
+    stamps = array("d")
+    small = _glances(_stamped(decode(path), stamps))
+    times = np.array(stamps)
     if trajectory is None:
-        return times
+        return times, small
     told = Trajectory.load(trajectory).times.numpy()
     if len(told) != len(times):
         reason = f"expected {len(told)} as in {trajectory.name}, got {len(times)}"
         raise InputError(path, "frames", reason, "make the run anew")
-    return told
+    return told, small
+
+
+def _stamped(frames: Iterator[Frame], stamps: array[float]) -> Iterator[Frame]:
+    """The ``frames``, whose times are noted in ``stamps``."""
+    for frame in frames:
+        stamps.append(frame.time)
+        yield frame
+
+
+def _glances(frames: Iterator[Frame]) -> np.ndarray:
+    """Small pictures of ``frames``, (N, h, w, 3) uint8."""
+    small = bytearray()
+    for frame in frames:
+        small += frame.small().tobytes()
+    return np.frombuffer(small, np.uint8).reshape(-1, SMALL[1], SMALL[0], 3)
 
 
 def within(times: np.ndarray, span: tuple[float, float]) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tracemalloc
 from pathlib import Path
 
@@ -9,12 +10,18 @@ import av
 import numpy as np
 import pytest
 
-from cltransfer.clips.cuts import find_shots, small_pictures
+from cltransfer.clips.cuts import find_shots
 from cltransfer.clips.pairs import open_pairs
+from cltransfer.clips.part import find_part
 from cltransfer.clips.source import ClipSource
 from cltransfer.errors import InputError
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "video"
+
+
+def small_of(path: Path) -> np.ndarray:
+    """Small pictures of all frames of a clip."""
+    return find_part(path, (0.0, math.inf), None).small()
 
 
 def cuts_of(small: np.ndarray) -> list[int]:
@@ -53,7 +60,7 @@ def test_frames_that_mix_both_shots_do_not_hide_a_cut(between: int, seeds: tuple
 def test_frames_that_mix_real_clips_do_not_hide_a_cut(between: int) -> None:
     if not DATA.is_dir():
         pytest.skip("needs the clips of shared/data")
-    before, after = (small_pictures(DATA / f"{name}.mp4")[1][:24] for name in ("sav_05_juggle", "lp_s32"))
+    before, after = (small_of(DATA / f"{name}.mp4")[:24] for name in ("sav_05_juggle", "lp_s32"))
     shares = np.linspace(0, 1, between + 2)[1:-1, None, None, None]
     mixed = ((1 - shares) * before[-1] + shares * after[0]).round().astype(np.uint8)
     assert cuts_of(np.concatenate([before, mixed, after])) == [24 + between]
@@ -75,7 +82,7 @@ def test_a_long_clip_takes_little_more_than_its_small_pictures() -> None:
 def test_bars_do_not_hide_a_cut_between_real_clips(pair: tuple[str, str]) -> None:
     if not DATA.is_dir():
         pytest.skip("needs the clips of shared/data")
-    plain = [small_pictures(DATA / f"{name}.mp4")[1][:12] for name in pair]
+    plain = [small_of(DATA / f"{name}.mp4")[:12] for name in pair]
     assert cuts_of(np.concatenate(plain)) == [12]
     barred = np.concatenate(plain)
     barred[:, :3] = barred[:, 15:] = 0

@@ -8,8 +8,8 @@ import torch
 from av.video.reformatter import Colorspace, VideoReformatter
 
 from cltransfer.clips.clip import write_video
-from cltransfer.clips.cuts import SIZE
 from cltransfer.clips.decoding import decode
+from cltransfer.clips.frame import SMALL
 
 
 def clip_of(path: Path, height: int) -> Path:
@@ -25,8 +25,8 @@ def test_pixels_do_not_depend_on_what_was_asked_of_other_frames(tmp_path: Path, 
     for number, frame in enumerate(decode(path)):
         seen.add(id(frame.converter))
         for _ in range(2):
-            alone = VideoReformatter().reformat(frame.raw, *SIZE, format="rgb24", interpolation="AREA").to_ndarray()
-            assert np.array_equal(frame.small(SIZE), alone)
+            alone = VideoReformatter().reformat(frame.raw, *SMALL, format="rgb24", interpolation="AREA").to_ndarray()
+            assert np.array_equal(frame.small(), alone)
             assert np.array_equal(frame.rgb(frame.size), frame.raw.to_ndarray(format="rgb24"))
             if number % 2:  # the others are asked in another order
                 frame.converter.reformat(frame.raw, 7, 5, format="gray", dst_colorspace=Colorspace.ITU601)

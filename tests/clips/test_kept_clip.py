@@ -14,6 +14,7 @@ from cltransfer.clips.cuts import check_one_shot
 from cltransfer.clips.kept_clip import kept_clip, kept_hash
 from cltransfer.clips.open_clip import open_clip
 from cltransfer.clips.pairs import open_pairs
+from cltransfer.clips.part import find_part
 from cltransfer.clips.source import ClipSource
 from cltransfer.errors import InputError
 from cltransfer.storage.run_files import DONE, FRAMES, MANIFEST, TRAJECTORY
@@ -60,9 +61,9 @@ def test_a_part_of_a_run_and_its_cuts_are_where_its_trajectory_has_them(tmp_path
     shots, times = walls.repeat_interleave(COUNT, 0), 6e-4 * torch.arange(2 * COUNT).double()
     run = kept_clip(run_of(tmp_path / "run", shots, times))
     with pytest.raises(InputError, match=r"frame 24: a cut at 0\.014 s"):
-        check_one_shot(run)
+        check_one_shot(run, find_part(run.path, run.span, run.fps, run.trajectory))
     part = replace(run, span=(0.0144, 1.0))
-    assert check_one_shot(part) == ()
+    assert check_one_shot(part, find_part(part.path, part.span, part.fps, part.trajectory)) == ()
     clip, _ = open_clip(part)
     assert torch.equal(clip.image, shots[COUNT:])
     torch.testing.assert_close(clip.times, times[:COUNT])

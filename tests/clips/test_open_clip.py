@@ -14,11 +14,13 @@ from torch import Tensor
 
 from cltransfer.clips import part as parts
 from cltransfer.clips.clip import read_clip, write_video
-from cltransfer.clips.cuts import find_shots, small_pictures
+from cltransfer.clips.cuts import find_shots
+from cltransfer.clips.decoding import decode
 from cltransfer.clips.frame import Frame
 from cltransfer.clips.letterbox import find_letterbox
 from cltransfer.clips.open_clip import ASSUMED, open_clip
 from cltransfer.clips.pairs import open_pairs
+from cltransfer.clips.part import find_part
 from cltransfer.clips.persons import Spot
 from cltransfer.clips.source import ClipSource
 from cltransfer.errors import InputError, UsageError
@@ -34,6 +36,11 @@ def scenery(seed: int, count: int = 10, drift: int = 1, size: tuple[int, int] = 
     wall = torch.nn.functional.interpolate(coarse, (size[1], 4 * size[0]), mode="bilinear")[0]
     frames = [wall[:, :, i * drift : i * drift + size[0]] for i in range(count)]
     return (torch.stack(frames) * 255).round().to(torch.uint8)
+
+
+def small_of(path: Path) -> np.ndarray:
+    """Small pictures of all frames of a clip."""
+    return find_part(path, (0.0, math.inf), None).small()
 
 
 def cuts_of(small: np.ndarray) -> list[int]:
@@ -269,7 +276,7 @@ def test_every_cut_is_found() -> None:
 
 @pytest.mark.needs("video/sintel_alley", "video/intel_asl_walk.mkv")
 def test_a_real_shot_has_no_cut_and_two_joined_have_one() -> None:
-    first, second = (small_pictures(VIDEOS / name)[1] for name in ("sintel_alley", "intel_asl_walk.mkv"))
+    first, second = (small_of(VIDEOS / name) for name in ("sintel_alley", "intel_asl_walk.mkv"))
     assert cuts_of(first) == cuts_of(second) == []
     assert cuts_of(np.concatenate([first, second])) == [len(first)]
 
@@ -443,7 +450,7 @@ def test_nothing_is_decoded_behind_the_last_frame_that_is_kept(tmp_path: Path, m
 def test_too_many_pairs_are_refused_before_they_are_looked_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     where = saved(tmp_path / "clip.mkv", scenery(0, 10))
     monkeypatch.setattr(parts, "FRAME_LIMIT", 9)
-    monkeypatch.setattr("cltransfer.clips.pairs.check_one_shot", lambda where: pytest.fail("looked at every frame"))
+    monkeypatch.setattr("cltransfer.clips.pairs.check_one_shot", lambda where, part: pytest.fail("looked for cuts"))
     with pytest.raises(InputError, match="frames: expected at most 9 to keep, got 10"):
         open_pairs(where, where, None)
 
@@ -452,3 +459,19 @@ def test_too_many_pairs_are_refused_before_they_are_looked_at(tmp_path: Path, mo
 def test_a_part_that_is_unknown_or_asked_twice_is_told_to_be(asked: str, wrong: str) -> None:
     with pytest.raises(UsageError, match=rf"clip.mp4#.*{wrong}.*\(known: t, person"):
         ClipSource.parse(f"clip.mp4#{asked}")
+
+
+@pytest.mark.parametrize("cuts", ["", "keep"])
+def test_a_video_is_decoded_once_to_know_it_whether_or_not_cuts_are_looked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cuts: str
+) -> None:
+    where, decoded = replace(saved(tmp_path / "clip.mkv", scenery(0, 10)), cuts=cuts), list[Path]()
+
+    def noted(path: Path, exif: bool = True) -> Iterator[Frame]:
+        decoded.append(path)
+        return decode(path, exif)
+
+    for module in ("part", "clip"):
+        monkeypatch.setattr(f"cltransfer.clips.{module}.decode", noted)
+    open_clip(where)
+    assert len(decoded) == 2, "and once for what is kept"
