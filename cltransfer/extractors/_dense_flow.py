@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -39,16 +38,20 @@ def with_flow(now: Features, before: Features | None, pair_flow: PairFlow, heigh
     if before is not None:
         then = before.require("image").expand(count, -1, -1, -1)
 
-        def look(i: int, new: NDArray, old: NDArray) -> None:
+        def look(new: NDArray, old: NDArray) -> tuple[Tensor, Tensor | None]:
             backward = _planes(pair_flow(new, old))
             scale = torch.tensor([now.size[0] / new.shape[1], now.size[1] / new.shape[0]])[:, None, None]
-            flow[i] = _resized(backward * scale, rows, columns)
-            if check:
-                trust = round_trip_confidence(backward[None], _planes(pair_flow(old, new))[None])
-                confidence[i] = _resized(trust, rows, columns)[0]
+            seen = _resized(backward * scale, rows, columns)
+            if not check:
+                return seen, None
+            trust = round_trip_confidence(backward[None], _planes(pair_flow(old, new))[None])
+            return seen, _resized(trust, rows, columns)[0]
 
         with ThreadPoolExecutor(min(thread_count(), count)) as pool:
-            deque(pool.map(look, range(count), _grey(image, height), _grey(then, height)), maxlen=0)
+            for i, (seen, trust) in enumerate(pool.map(look, _grey(image, height), _grey(then, height))):
+                flow[i] = seen  # here: another thread is in no inference mode
+                if trust is not None:
+                    confidence[i] = trust
     found = replace(now, flow=flow.to(image.device))
     return replace(found, flow_confidence=confidence.to(image.device)) if check else found
 

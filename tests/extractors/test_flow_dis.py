@@ -100,6 +100,15 @@ def test_pairs_are_looked_at_side_by_side_and_keep_their_order(monkeypatch):
     assert flow[:, 0, 0, 0].diff().lt(0).all()
 
 
+def test_flow_is_looked_for_in_inference_mode_as_elsewhere():
+    now, before = torch.cat([texture(shift=(2.0, 0)), texture(shift=(0, 5.0))]), texture()
+    wanted = FlowDis()(features(now), features(before))
+    with torch.inference_mode():
+        got = FlowDis()(features(now), features(before))
+    assert torch.equal(got.flow, wanted.flow)
+    assert torch.equal(got.flow_confidence, wanted.flow_confidence)
+
+
 def test_a_frame_without_one_before_is_nan():
     got = FlowDis()(features(texture()), None)
     assert got.flow.shape == (1, 2, 120, 160)
