@@ -47,7 +47,7 @@ def with_flow(now: Features, before: Features | None, pair_flow: PairFlow, heigh
             trust = round_trip_confidence(backward[None], _planes(pair_flow(old, new))[None])
             return seen, _resized(trust, rows, columns)[0]
 
-        with ThreadPoolExecutor(min(thread_count(), count)) as pool:
+        with ThreadPoolExecutor(max(1, min(thread_count(), count))) as pool:
             for i, (seen, trust) in enumerate(pool.map(look, _grey(image, height), _grey(then, height))):
                 flow[i] = seen  # here: another thread is in no inference mode
                 if trust is not None:

@@ -109,6 +109,13 @@ def test_flow_is_looked_for_in_inference_mode_as_elsewhere():
     assert torch.equal(got.flow_confidence, wanted.flow_confidence)
 
 
+def test_of_no_frames_there_is_no_flow():
+    nothing = features(texture()[:0])
+    got = FlowDis()(nothing, nothing)
+    assert got.flow.shape == (0, 2, 120, 160)
+    assert got.flow_confidence.shape == (0, 120, 160)
+
+
 def test_a_frame_without_one_before_is_nan():
     got = FlowDis()(features(texture()), None)
     assert got.flow.shape == (1, 2, 120, 160)
